@@ -1,0 +1,27 @@
+//! The vocabulary of tog: whatever crosses a process. Plain data, no IO.
+//!
+//! | message | publisher | readers | rate | size |
+//! |---|---|---|---|---|
+//! | [`scan::ScanHeader`] + `[f32]` | laser | fusion, recorder | 5-75 Hz a laser | 4 B a beam |
+//! | [`frame::FrameHeader`] + `[u64]` | fusion | mapper | 10-75 Hz an area | 2 bits a cell |
+//! | [`grid::ClassMapHeader`] + `[u8]` | mapper | anomaly | as frames | 1 B a cell |
+//! | [`grid::CollapsedMapHeader`] + `[u64]` | mapper | anomaly | at start, then each checkpoint | 8 B a cell and class |
+//! | [`event::EventChange`] (encoded) | anomaly | alerts | rare | < 4 kB |
+//! | [`event::EventAcknowledgement`] (encoded) | alerts | anomaly | with events | < 100 B |
+//! | [`health::Health`] (encoded) | all | supervisor | 1 Hz and on change | < 64 kB |
+//!
+//! Versioning: a shared-memory header carries its version in `Header::TYPE_NAME`, an encoded message
+//! in its envelope ([`codec`]). Any change that a reader of the old layout would misread takes a new
+//! version; all processes of a host are one binary, so only the network and files meet old versions.
+
+pub mod codec;
+pub mod event;
+pub mod frame;
+pub mod geometry;
+pub mod grid;
+pub mod health;
+pub mod scan;
+pub mod site;
+pub mod time;
+pub mod topic;
+pub mod wire;

@@ -1,0 +1,101 @@
+//! The only place with names of topics.
+//!
+//! | topic | message | publishers | readers |
+//! |---|---|---|---|
+//! | `scan/<area>` | scans | lasers of the area | fusion, recorder |
+//! | `frame/<area>` | frames | fusion | mapper, recorder, bridge |
+//! | `classes/<area>` | class maps | mapper | anomaly, recorder, bridge |
+//! | `collapsed/<area>` | collapsed maps | mapper | anomaly, recorder, bridge |
+//! | `event` | event changes | anomaly of each area, supervisor | alerts, recorder, bridge |
+//! | `event-ack` | acknowledgements | alerts | anomaly, supervisor |
+//! | `health` | health | everybody | supervisor, bridge |
+
+use crate::frame::FrameHeader;
+use crate::grid::{ClassMapHeader, CollapsedMapHeader};
+use crate::scan::ScanHeader;
+use crate::wire::{BytesHeader, Header};
+use bytemuck::Pod;
+use std::fmt;
+use std::marker::PhantomData;
+
+/// A named stream of messages with header `H` and payload `[E]`.
+pub struct Topic<H, E> {
+    name: String,
+    payload_len_max: usize,
+    types: PhantomData<fn() -> (H, E)>,
+}
+
+impl<H: Header, E: Pod> Topic<H, E> {
+    fn new(name: String, payload_len_max: usize) -> Self {
+        Self { name, payload_len_max, types: PhantomData }
+    }
+
+    /// Its name, unique in the site.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Longest payload in elements; shared memory is laid out for it.
+    #[must_use]
+    pub fn payload_len_max(&self) -> usize {
+        self.payload_len_max
+    }
+}
+
+impl<H, E> Clone for Topic<H, E> {
+    fn clone(&self) -> Self {
+        Self { name: self.name.clone(), payload_len_max: self.payload_len_max, types: PhantomData }
+    }
+}
+
+impl<H, E> fmt::Debug for Topic<H, E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "topic {}", self.name)
+    }
+}
+
+/// Largest encoded health or event message, bytes.
+pub const BYTES_MAX: usize = 64 * 1024;
+
+/// Scans of the lasers of an area.
+#[must_use]
+pub fn scan(area: &str) -> Topic<ScanHeader, f32> {
+    Topic::new(format!("scan/{area}"), crate::scan::BEAMS_MAX)
+}
+
+/// Frames of an area with bit planes of `plane_words` words.
+#[must_use]
+pub fn frame(area: &str, plane_words: usize) -> Topic<FrameHeader, u64> {
+    Topic::new(format!("frame/{area}"), 2 * plane_words)
+}
+
+/// Class maps of an area of `cells` cells.
+#[must_use]
+pub fn classes(area: &str, cells: usize) -> Topic<ClassMapHeader, u8> {
+    Topic::new(format!("classes/{area}"), cells)
+}
+
+/// Collapsed maps of an area of `cells` cells and `classes` classes.
+#[must_use]
+pub fn collapsed(area: &str, cells: usize, classes: usize) -> Topic<CollapsedMapHeader, u64> {
+    Topic::new(format!("collapsed/{area}"), cells * classes)
+}
+
+/// Encoded `EventChange`s.
+#[must_use]
+pub fn event() -> Topic<BytesHeader, u8> {
+    Topic::new("event".to_owned(), BYTES_MAX)
+}
+
+/// Encoded `EventAcknowledgement`s.
+#[must_use]
+pub fn event_acknowledgement() -> Topic<BytesHeader, u8> {
+    Topic::new("event-ack".to_owned(), BYTES_MAX)
+}
+
+/// Encoded `Health`.
+#[must_use]
+pub fn health() -> Topic<BytesHeader, u8> {
+    Topic::new("health".to_owned(), BYTES_MAX)
+}

@@ -1,0 +1,1 @@
+//! Live classes against the collapsed map: events.

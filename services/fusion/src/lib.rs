@@ -1,0 +1,1 @@
+//! Fusion: who is in this frame, who is late.

@@ -1,0 +1,1 @@
+//! Laser acquisition: one process per laser.

@@ -1,0 +1,1 @@
+//! The paper, pure: from scan to collapsed map.

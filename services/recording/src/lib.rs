@@ -1,0 +1,1 @@
+//! Reads and writes recordings: MCAP and ROS 1 bags.

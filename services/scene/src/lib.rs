@@ -1,0 +1,1 @@
+//! The imagined building: walls, doors, walkers and the rays that see them.

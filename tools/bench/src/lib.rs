@@ -1,0 +1,1 @@
+//! Latency and soak measurements of the running system.

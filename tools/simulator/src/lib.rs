@@ -1,0 +1,1 @@
+//! Writes workloads and scenes with their truth.
