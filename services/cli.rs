@@ -1,0 +1,237 @@
+//! The verbs of `tog`, their arguments and their help. Parsing only; `main.rs` dispatches.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Watches buildings with planar laser rangefinders and says in words what is not normal.
+#[derive(Debug, Parser)]
+#[command(name = "tog", version, about, max_term_width = 100, after_help = "\
+Examples:
+  tog demo                          a simulated foyer, everything running, an alert within a minute
+  tog replay walk.bag --out maps    what a recording says: maps, classes, events, pictures
+  tog check site.toml               is this site file right?
+  tog run site.toml                 start everything that the site file names
+  tog status site.toml              how is it?
+  tog alerts watch site.toml        follow the alerts")]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Show the whole system at work on a simulated foyer: no hardware, no files.
+    Demo(Demo),
+    /// Compute maps, classes and events of a recording, in one process, as fast as it goes.
+    Replay(Replay),
+    /// Start and supervise every process that a site file names.
+    Run(Run),
+    /// Show how the services of a running site are.
+    Status(Status),
+    /// List or follow the alerts of a site.
+    #[command(subcommand)]
+    Alerts(Alerts),
+    /// Check a site file and show what it would start.
+    Check(Check),
+    /// Print the JSON Schema of the site file, for editors.
+    #[command(after_help = "Examples:\n  tog schema > site.schema.json")]
+    Schema,
+    /// One laser of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Laser(Worker),
+    /// Fusion of one area of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Fusion(Worker),
+    /// Grid and maps of one area of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Mapper(Worker),
+    /// Events of one area of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Anomaly(Worker),
+}
+
+/// Output of a listing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Format {
+    /// For people.
+    #[default]
+    Text,
+    /// For programs: one JSON document, or one line each where it streams.
+    Json,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tog demo                 until Ctrl-C
+  tog demo --seconds 60    ends by itself, exit code 0")]
+/// Arguments of `tog demo`.
+pub struct Demo {
+    /// End by itself after so many seconds of live running.
+    #[arg(long, value_name = "N")]
+    pub seconds: Option<u64>,
+    /// Seed of the simulated people and of the noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tog replay walk.bag --out maps
+  tog replay night.mcap --site building.toml --out maps --every-frame
+
+Writes per area (into DIR; into DIR/<area> if the site has several): collapsed_counts.npy
+(u64 [class,row,col]), classes.npy (u8 [frame,row,col]) and frames.npy (u64 lattice indices),
+occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per class, overview.png.
+
+Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the
+laser at (0, 0): a recording does not say how its lasers are mounted.
+
+Exit code 0: replayed to the end. 1: refused, or the recording is cut (what came before is written).")]
+/// Arguments of `tog replay`.
+pub struct Replay {
+    /// The recording: MCAP (ROS 2 LaserScan) or ROS 1 bag.
+    pub recording: PathBuf,
+    /// Site file whose replay lasers are fed from the recording.
+    #[arg(long, value_name = "SITE")]
+    pub site: Option<PathBuf>,
+    /// Directory for the results; created.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write the classes of every frame, not of one a second.
+    #[arg(long)]
+    pub every_frame: bool,
+    /// Classes to use where no site file names them.
+    #[arg(long, value_enum, default_value_t = PresetName::Default, conflicts_with = "site")]
+    pub preset: PresetName,
+}
+
+/// Names of the presets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PresetName {
+    /// empty, passing, lingering, vacated, background, transit.
+    Default,
+    /// As `default` without transit.
+    Paper,
+    /// As `default` with lingering = 0 1 0.
+    Onehot,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tog run deploy/foyer.toml
+  tog run building.toml --seconds 600
+
+Exit code 0: ended by Ctrl-C, SIGTERM, --seconds or the end of the recordings. 78: the site file is
+wrong. 1: a service could not be kept running; it is named with its own last lines.")]
+/// Arguments of `tog run`.
+pub struct Run {
+    /// The site file.
+    pub site: PathBuf,
+    /// End by itself after so many seconds.
+    #[arg(long, value_name = "N")]
+    pub seconds: Option<u64>,
+    /// Write the results of a replayed site as `tog replay --every-frame` does: the .npy files.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tog status deploy/foyer.toml
+  tog status deploy/foyer.toml --format json")]
+/// Arguments of `tog status`.
+pub struct Status {
+    /// The site file of the running site.
+    pub site: PathBuf,
+    /// Output.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+/// Verbs of `tog alerts`.
+#[derive(Debug, Subcommand)]
+pub enum Alerts {
+    /// List alerts from the journal, newest last; works while the site runs and when it does not.
+    #[command(after_help = "\
+Examples:
+  tog alerts list deploy/foyer.toml --last 20
+  tog alerts list deploy/foyer.toml --open --format json")]
+    List(AlertsList),
+    /// Follow the alerts of a running site; picks up again when the site restarts.
+    #[command(after_help = "\
+Examples:
+  tog alerts watch deploy/foyer.toml
+  tog alerts watch deploy/foyer.toml --from-start --format json")]
+    Watch(AlertsWatch),
+    /// The journal and feed of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Serve(Worker),
+}
+
+#[derive(Debug, Args)]
+/// Arguments of `tog alerts list`.
+pub struct AlertsList {
+    /// The site file.
+    pub site: PathBuf,
+    /// At most so many, the newest.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub last: usize,
+    /// Only events that are not cleared.
+    #[arg(long)]
+    pub open: bool,
+    /// Only of this area.
+    #[arg(long, value_name = "AREA")]
+    pub area: Option<String>,
+    /// Output.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+#[derive(Debug, Args)]
+/// Arguments of `tog alerts watch`.
+pub struct AlertsWatch {
+    /// The site file of the running site.
+    pub site: PathBuf,
+    /// Begin with the whole journal instead of what comes from now on.
+    #[arg(long)]
+    pub from_start: bool,
+    /// Output.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tog check deploy/foyer.toml
+  tog check building.toml --format json
+
+Exit code 0: right. 78: wrong, with every error, its line and a caret.")]
+/// Arguments of `tog check`.
+pub struct Check {
+    /// The site file.
+    pub site: PathBuf,
+    /// Output.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+}
+
+#[derive(Debug, Args)]
+/// Arguments of a service that `tog run` starts.
+pub struct Worker {
+    /// The instance's run directory.
+    #[arg(long, value_name = "DIR")]
+    pub instance: PathBuf,
+    /// The laser that it serves.
+    #[arg(long, value_name = "ID")]
+    pub laser: Option<String>,
+    /// The area that it serves.
+    #[arg(long, value_name = "ID")]
+    pub area: Option<String>,
+}

@@ -1,0 +1,308 @@
+//! The core of fusion: scans in, frames out, no clock and no IO.
+//!
+//! [`FusionCore::scan`] takes what arrives, [`FusionCore::next_frame`] gives every frame that is
+//! complete. The caller decides when to ask, so that a reader that cannot keep up in a lossless
+//! replay holds everything back to the lasers. Nothing is allocated after the first scans.
+
+use crate::slot::{Arrival, Completion, LaneChange, SlotConfig, Slots};
+use occupancy::{Fuser, LaserModel};
+use protocol::geometry::Pose;
+use protocol::scan::{BEAMS_MAX, ScanGeometry, ScanView};
+use protocol::site::{Area, Laser, NoReturn};
+
+/// Where a scan came from: what a lossless publisher is told when the scan is finished with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Origin {
+    /// Index of the laser in the area.
+    pub laser: usize,
+    /// Session of its publisher.
+    pub session: u64,
+    /// Sequence in the session.
+    pub seq: u64,
+    /// CLOCK_MONOTONIC at its publication, nanoseconds.
+    pub published_mono_ns: u64,
+}
+
+/// Why a scan did not come as far as the slots.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ScanRefused {
+    /// Not a laser of this area.
+    #[error("a scan of laser number {found}, this area has {lasers}")]
+    Laser {
+        /// Index in the scan.
+        found: usize,
+        /// Lasers of the area.
+        lasers: usize,
+    },
+    /// Nonsense numbers.
+    #[error("{0}; the scan is dropped")]
+    Geometry(String),
+    /// Other beams than before.
+    #[error(
+        "the laser changed its beams: found {found_beams} beams from {found:?}, expected \
+         {expected_beams} from {expected:?} as at the start; its scans are dropped until this area \
+         is restarted"
+    )]
+    GeometryChanged {
+        /// Beams of the scan.
+        found_beams: usize,
+        /// Geometry of the scan.
+        found: ScanGeometry,
+        /// Beams of the first scan.
+        expected_beams: usize,
+        /// Geometry of the first scan.
+        expected: ScanGeometry,
+    },
+}
+
+/// What was counted since the start.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Scans that arrived.
+    pub scans_in: u64,
+    /// Scans of a frame that was already emitted.
+    pub scans_late: u64,
+    /// Scans whose stamp was not after the laser's last.
+    pub scans_out_of_order: u64,
+    /// Scans stamped ahead of the clock.
+    pub scans_from_the_future: u64,
+    /// Scans dropped because the laser ran too far ahead of the others.
+    pub scans_queue_full: u64,
+    /// Scans with nonsense or changed geometry, or of no laser of the area.
+    pub scans_refused: u64,
+    /// Scans that a newer scan of the same slot made needless: normal for fast lasers.
+    pub scans_superseded: u64,
+    /// Frames emitted.
+    pub frames_out: u64,
+    /// Of these, by the deadline.
+    pub frames_by_deadline: u64,
+    /// Frames skipped because the clock was far ahead.
+    pub frames_skipped: u64,
+}
+
+/// A complete frame; the planes are valid until the next call.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameOut<'a> {
+    /// m.
+    pub number: u64,
+    /// Bit plane of hits.
+    pub hit: &'a [u64],
+    /// Bit plane of known cells.
+    pub known: &'a [u64],
+    /// Bit i: laser i of the area is in this frame.
+    pub lasers_present: u64,
+    /// Publication of the scan that completed it, CLOCK_MONOTONIC; 0 if a deadline did.
+    pub completed_by_mono_ns: u64,
+}
+
+#[derive(Debug)]
+struct Stored {
+    origin: Origin,
+    ranges_m: Vec<f32>,
+}
+
+/// What the site file says of a laser, for the sensor model.
+#[derive(Debug, Clone, Copy)]
+struct Mounting {
+    pose: Pose,
+    half_beam_rad: Option<f64>,
+    no_return_is_free: bool,
+}
+
+/// Fusion of one area.
+pub struct FusionCore {
+    slots: Slots<Stored>,
+    fuser: Fuser,
+    mountings: Vec<Mounting>,
+    range_tolerance_m: f64,
+    /// Geometry and beams of each laser's first scan.
+    installed: Vec<Option<(ScanGeometry, usize)>>,
+    pool: Vec<Stored>,
+    finished: Vec<Origin>,
+    lasers_present: u64,
+    completed_by_mono_ns: u64,
+    counts: Counts,
+}
+
+impl FusionCore {
+    /// Fusion of `area` with its `lasers` (order of the site file), from `now_ns` of the site's
+    /// clock; `None` where a recording is replayed without a clock.
+    #[must_use]
+    pub fn new(area: &Area, lasers: &[&Laser], now_ns: Option<u64>) -> Self {
+        let config = SlotConfig {
+            lattice: area.lattice(),
+            scan_age_max_ns: area.scan_age_max_ns(),
+            lateness_max_ns: area.lateness_max_ns(),
+            laser_lost_ns: area.laser_lost_ns(),
+            lasers: lasers.len(),
+        };
+        let mounting = |laser: &&Laser| Mounting {
+            pose: laser.pose(),
+            half_beam_rad: laser.half_beam_deg.map(f64::to_radians),
+            no_return_is_free: laser.no_return == NoReturn::Free,
+        };
+        Self {
+            slots: Slots::new(config, now_ns),
+            fuser: Fuser::new(area.grid(), lasers.len()),
+            mountings: lasers.iter().map(mounting).collect(),
+            range_tolerance_m: area.range_tolerance_m(),
+            installed: vec![None; lasers.len()],
+            pool: Vec::new(),
+            finished: Vec::new(),
+            lasers_present: 0,
+            completed_by_mono_ns: 0,
+            counts: Counts::default(),
+        }
+    }
+
+    /// Takes a scan that arrived at `now_ns`.
+    ///
+    /// # Errors
+    /// [`ScanRefused`] if it cannot be fused; it is counted, and finished with.
+    pub fn scan(
+        &mut self,
+        origin: Origin,
+        scan: ScanView<'_>,
+        now_ns: Option<u64>,
+    ) -> Result<Arrival, ScanRefused> {
+        self.counts.scans_in += 1;
+        if let Err(refused) = self.admit(origin.laser, &scan) {
+            self.counts.scans_refused += 1;
+            self.finished.push(origin);
+            return Err(refused);
+        }
+        let mut stored = self.pool.pop().unwrap_or_else(|| Stored { origin, ranges_m: Vec::new() });
+        stored.origin = origin;
+        stored.ranges_m.clear();
+        stored.ranges_m.extend_from_slice(scan.ranges_m);
+
+        let (pool, finished) = (&mut self.pool, &mut self.finished);
+        let mut superseded = 0;
+        let arrival = self.slots.arrive(origin.laser, scan.stamp_ns, now_ns, stored, |old| {
+            superseded += 1;
+            finished.push(old.origin);
+            pool.push(old);
+        });
+        match arrival {
+            Arrival::Queued => self.counts.scans_superseded += superseded,
+            Arrival::Late => self.counts.scans_late += 1,
+            Arrival::OutOfOrder => self.counts.scans_out_of_order += 1,
+            Arrival::FromTheFuture => self.counts.scans_from_the_future += 1,
+            Arrival::QueueFull => self.counts.scans_queue_full += 1,
+        }
+        if matches!(arrival, Arrival::Queued | Arrival::Late) {
+            self.completed_by_mono_ns = origin.published_mono_ns;
+        }
+        Ok(arrival)
+    }
+
+    /// Checks the scan against its laser's first one, which builds the sensor model.
+    fn admit(&mut self, laser: usize, scan: &ScanView<'_>) -> Result<(), ScanRefused> {
+        let Some(mounting) = self.mountings.get(laser) else {
+            return Err(ScanRefused::Laser { found: laser, lasers: self.mountings.len() });
+        };
+        let beams = scan.ranges_m.len();
+        if let Some((expected, expected_beams)) = self.installed[laser] {
+            if expected == scan.geometry && expected_beams == beams {
+                return Ok(());
+            }
+            return Err(ScanRefused::GeometryChanged {
+                found_beams: beams,
+                found: scan.geometry,
+                expected_beams,
+                expected,
+            });
+        }
+        scan.geometry.check().map_err(ScanRefused::Geometry)?;
+        if beams == 0 || beams > BEAMS_MAX {
+            let found = format!("a scan of {beams} beams, expected 1..={BEAMS_MAX}");
+            return Err(ScanRefused::Geometry(found));
+        }
+        let model = LaserModel {
+            pose: mounting.pose,
+            geometry: scan.geometry,
+            beams,
+            half_beam_rad: mounting.half_beam_rad,
+            range_tolerance_m: self.range_tolerance_m,
+            no_return_is_free: mounting.no_return_is_free,
+        };
+        self.fuser.install(laser, &model);
+        self.installed[laser] = Some((scan.geometry, beams));
+        Ok(())
+    }
+
+    /// The recording of this laser is over.
+    pub fn end(&mut self, laser: usize) {
+        if laser < self.mountings.len() {
+            self.slots.end(laser);
+        }
+    }
+
+    /// The next frame, if it is complete at `now_ns`.
+    pub fn next_frame(&mut self, now_ns: Option<u64>) -> Option<FrameOut<'_>> {
+        let (number, completion) = self.slots.complete(now_ns)?;
+        let (fuser, counts) = (&mut self.fuser, &mut self.counts);
+        let (pool, finished) = (&mut self.pool, &mut self.finished);
+        let present = &mut self.lasers_present;
+        self.slots.emit(|laser, change| match change {
+            LaneChange::New(scan) => {
+                fuser.apply(laser, &scan.ranges_m);
+                *present |= 1 << laser;
+                finished.push(scan.origin);
+                pool.push(scan);
+            }
+            LaneChange::Superseded(scan) => {
+                counts.scans_superseded += 1;
+                finished.push(scan.origin);
+                pool.push(scan);
+            }
+            LaneChange::Absent => {
+                if *present >> laser & 1 == 1 {
+                    fuser.retract(laser);
+                }
+                *present &= !(1 << laser);
+            }
+            LaneChange::Same => {}
+        });
+        self.counts.frames_out += 1;
+        self.counts.frames_skipped = self.slots.skipped();
+        let by_deadline = completion == Completion::Deadline;
+        self.counts.frames_by_deadline += u64::from(by_deadline);
+        Some(FrameOut {
+            number,
+            hit: self.fuser.hit(),
+            known: self.fuser.known(),
+            lasers_present: self.lasers_present,
+            completed_by_mono_ns: if by_deadline { 0 } else { self.completed_by_mono_ns },
+        })
+    }
+
+    /// Scans that were finished with since the last call: superseded, applied or dropped.
+    pub fn drain_finished(&mut self) -> impl Iterator<Item = Origin> + '_ {
+        self.finished.drain(..)
+    }
+
+    /// When [`FusionCore::next_frame`] must be asked though nothing arrived.
+    #[must_use]
+    pub fn deadline_ns(&self) -> Option<u64> {
+        self.slots.deadline_ns()
+    }
+
+    /// True when all recordings are over and all frames are out.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.slots.is_over()
+    }
+
+    /// Lasers that are silent, as bits.
+    #[must_use]
+    pub fn lost(&self, now_ns: Option<u64>) -> u64 {
+        self.slots.lost(now_ns)
+    }
+
+    /// What was counted.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+}
