@@ -1,1 +1,32 @@
-//! The journal of events and its feed.
+//! The journal of events and its feed: what a security desk was told, when, and in which words.
+//!
+//! Purpose: a change of an event reaches this process from an origin (an area, the host), is written
+//! to disk, and only then is anybody told. Whoever comes later asks "all after n".
+//!
+//! Invariants
+//! - **fsync before anybody is told.** The one exception is a disk that cannot be written: the desk
+//!   is told at once, and every such line is marked `"journaled": false` until the disk is back.
+//! - **Nothing twice, nothing lost, nothing silent.** `(origin, sequence)` is unique in the journal.
+//!   An origin keeps a change until it is acknowledged, and a change is acknowledged only once it is
+//!   on disk. A change that nobody can deliver any more is a row in the table `gap` and a warning.
+//! - **In order.** Changes of one origin are journaled in the order of their sequence numbers.
+//! - **The journal is the queue.** A client of the feed is a cursor into the journal: history and
+//!   live are the same query, so there is no seam between them for a hole or a double.
+//! - **Only one process writes**; any number may read, also with `sqlite3`, also while it runs.
+//!
+//! | question | where |
+//! |---|---|
+//! | what is in a row, how do layouts change | `journal/schema.rs` |
+//! | how is a change appended, acknowledged, given up | [`journal`] |
+//! | how are rows found | `journal/query.rs` |
+//! | what if the file is damaged | `journal/damage.rs` |
+//!
+//! Left out, on purpose: sinks that leave the host (webhook, syslog, MQTT), the desk page,
+//! `acknowledged` by an operator, and retention: rows are small (1 kB) and events rare, nothing is
+//! ever deleted.
+
+pub mod journal;
+#[cfg(test)]
+mod testing;
+
+pub use journal::{Entry, Filter, JOURNAL_FILE, Journal, JournalError};

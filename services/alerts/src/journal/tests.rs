@@ -1,0 +1,222 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use crate::testing::change;
+use protocol::event::{EventKind, EventState};
+
+const NOW_NS: u64 = 1_795_000_000_000_000_000;
+
+fn open(directory: &tempfile::TempDir) -> Journal {
+    let (journal, damage) = Journal::open(&directory.path().join(JOURNAL_FILE), NOW_NS).unwrap();
+    assert_eq!(damage, None);
+    journal
+}
+
+#[test]
+fn a_change_is_journaled_once_and_survives_a_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    let first = [change("foyer", 1), change("foyer", 2), change("yard", 1)];
+    let outcome = journal.append(&first, NOW_NS).unwrap();
+    assert_eq!(outcome, Appended { appended: 3, duplicates: 0, conflicts: 0, head: 3 });
+    drop(journal);
+
+    let mut journal = open(&directory);
+    let again = [change("foyer", 2), change("foyer", 3)];
+    let outcome = journal.append(&again, NOW_NS + 5).unwrap();
+    assert_eq!(outcome, Appended { appended: 1, duplicates: 1, conflicts: 0, head: 4 });
+    let rows = journal.after(0, 100).unwrap();
+    assert_eq!(rows.iter().map(|row| row.journal_id).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    assert_eq!(rows[3].received_ns, NOW_NS + 5);
+    assert_eq!(rows[3].change().unwrap(), change("foyer", 3));
+    assert_eq!(journal.after(2, 1).unwrap(), rows[2..3]);
+    assert_eq!(journal.origins().unwrap(), [("foyer".to_owned(), 3), ("yard".to_owned(), 1)]);
+}
+
+#[test]
+fn a_sequence_number_that_comes_back_with_another_content_is_a_conflict() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    journal.append(&[change("foyer", 1)], NOW_NS).unwrap();
+    let mut other = change("foyer", 1);
+    other.text = "something else".to_owned();
+    assert_eq!(journal.append(&[other], NOW_NS).unwrap().conflicts, 1);
+    assert_eq!(journal.after(0, 9).unwrap()[0].change().unwrap(), change("foyer", 1));
+}
+
+#[test]
+fn contiguous_stops_at_a_hole_and_goes_on_when_it_is_filled_or_given_up() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    assert_eq!(journal.highest_contiguous("foyer").unwrap(), 0);
+    journal.append(&[change("foyer", 1), change("foyer", 3), change("foyer", 6)], NOW_NS).unwrap();
+    assert_eq!(journal.highest_contiguous("foyer").unwrap(), 1);
+    journal.append(&[change("foyer", 2)], NOW_NS).unwrap();
+    assert_eq!(journal.highest_contiguous("foyer").unwrap(), 3);
+    journal.give_up("foyer", 4, 5, NOW_NS).unwrap();
+    assert_eq!(journal.highest_contiguous("foyer").unwrap(), 6);
+}
+
+#[test]
+fn a_list_tells_events_and_only_the_open_ones_if_asked() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    let story = |sequence, id: &str, state, kind, area: &str| EventChange {
+        id: id.to_owned(),
+        state,
+        kind,
+        area: area.to_owned(),
+        ..change("site", sequence)
+    };
+    use EventKind::{Crowd, Loitering};
+    use EventState::{Cleared, Raised, Updated};
+    let changes = [
+        story(1, "a", Raised, Loitering, "foyer"),
+        story(2, "b", Raised, Crowd, "yard"),
+        story(3, "a", Updated, Loitering, "foyer"),
+        story(4, "b", Cleared, Crowd, "yard"),
+    ];
+    journal.append(&changes, NOW_NS).unwrap();
+    let sequences = |filter: &Filter| -> Vec<u64> {
+        let rows = journal.list(filter).unwrap();
+        rows.iter().map(|row| row.change().unwrap().sequence).collect()
+    };
+    let all = Filter { changes: true, ..Filter::default() };
+    assert_eq!(sequences(&Filter::default()), [3, 4]);
+    assert_eq!(sequences(&all), [1, 2, 3, 4]);
+    assert_eq!(sequences(&Filter { open_only: true, ..Filter::default() }), [3]);
+    assert_eq!(sequences(&Filter { open_only: true, ..all.clone() }), [1, 3]);
+    assert_eq!(sequences(&Filter { limit: 1, ..all.clone() }), [4]);
+    assert_eq!(sequences(&Filter { kind: Some(Crowd), ..all.clone() }), [2, 4]);
+    assert_eq!(sequences(&Filter { state: Some(Raised), ..all.clone() }), [1, 2]);
+    assert_eq!(sequences(&Filter { area: Some("foyer".to_owned()), ..all.clone() }), [1, 3]);
+    let since = Some(change("site", 3).stamp_ns);
+    assert_eq!(sequences(&Filter { since_ns: since, ..all }), [3, 4]);
+}
+
+#[test]
+fn a_person_reads_the_view_of_events() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    let mut cleared = change("foyer", 2);
+    cleared.id = change("foyer", 1).id;
+    cleared.state = EventState::Cleared;
+    journal.append(&[change("foyer", 1), cleared], NOW_NS).unwrap();
+    let (state, began): (String, String) = journal
+        .connection
+        .query_row("SELECT state, began_utc FROM event", [], |row| Ok((row.get(0)?, row.get(1)?)))
+        .unwrap();
+    assert_eq!((state.as_str(), began.as_str()), ("cleared", "2026-11-18 04:26:40"));
+}
+
+#[test]
+fn a_damaged_journal_is_kept_aside_and_cursors_stay_behind_the_new_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(JOURNAL_FILE);
+    let mut journal = open(&directory);
+    let changes: Vec<EventChange> = (1..200).map(|sequence| change("foyer", sequence)).collect();
+    journal.append(&changes, NOW_NS).unwrap();
+    drop(journal);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let length = bytes.len();
+    bytes[length / 4..length / 2].fill(0x55);
+    std::fs::write(&path, &bytes).unwrap();
+
+    let (mut journal, damage) = Journal::open(&path, NOW_NS).unwrap();
+    let damage = damage.unwrap();
+    assert_eq!(std::fs::read(&damage.kept_as).unwrap(), bytes, "kept as it was");
+    let name = damage.kept_as.file_name().unwrap().to_str().unwrap();
+    assert!(name.starts_with("journal.sqlite3.damaged-20261118T"), "{name}");
+    let head = journal.append(&changes[..1], NOW_NS).unwrap().head;
+    assert_eq!(head, NOW_NS / 1_000_000 + 1);
+}
+
+#[test]
+fn a_cut_file_and_a_file_of_garbage_are_damage() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(JOURNAL_FILE);
+    let mut journal = open(&directory);
+    let changes: Vec<EventChange> = (1..200).map(|sequence| change("foyer", sequence)).collect();
+    journal.append(&changes, NOW_NS).unwrap();
+    drop(journal);
+    let bytes = std::fs::read(&path).unwrap();
+    for content in [&bytes[..bytes.len() / 2], &[0xa5; 5000], b"not a database at all"] {
+        std::fs::write(&path, content).unwrap();
+        let read_only = Journal::open_read_only(&path).and_then(|journal| journal.after(0, 999));
+        assert!(matches!(read_only, Err(JournalError::Damaged { .. })), "{read_only:?}");
+        let (journal, damage) = Journal::open(&path, NOW_NS).unwrap();
+        assert!(damage.is_some());
+        assert_eq!(journal.origins().unwrap(), []);
+    }
+}
+
+#[test]
+fn a_file_of_another_program_or_of_a_later_tog_is_left_alone() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("other.sqlite3");
+    Connection::open(&path).unwrap().execute_batch("CREATE TABLE cat (name TEXT)").unwrap();
+    let before = std::fs::read(&path).unwrap();
+    assert!(matches!(Journal::open(&path, NOW_NS), Err(JournalError::Foreign { .. })));
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+
+    let journal = open(&directory);
+    journal.connection.pragma_update(None, "user_version", 99).unwrap();
+    let path = journal.path.clone();
+    drop(journal);
+    assert!(matches!(Journal::open(&path, NOW_NS), Err(JournalError::Newer { found: 99, .. })));
+}
+
+#[test]
+fn a_full_disk_refuses_all_of_an_append_and_takes_it_when_there_is_room() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    journal.append(&[change("foyer", 1)], NOW_NS).unwrap();
+    journal.set_pages_max(1).unwrap();
+    let changes: Vec<EventChange> = (2..100).map(|sequence| change("foyer", sequence)).collect();
+    let error = journal.append(&changes, NOW_NS).unwrap_err();
+    assert!(matches!(error, JournalError::Full { .. }), "{error}");
+    assert!(error.to_string().contains("free space"), "{error}");
+    assert_eq!(journal.head().unwrap(), 1);
+    journal.set_pages_max(100_000).unwrap();
+    assert_eq!(journal.append(&changes, NOW_NS).unwrap().appended, 98);
+}
+
+#[test]
+fn a_reader_works_beside_the_writer_and_without_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(JOURNAL_FILE);
+    assert!(matches!(Journal::open_read_only(&path), Err(JournalError::Missing { .. })));
+    let mut journal = open(&directory);
+    journal.append(&[change("foyer", 1)], NOW_NS).unwrap();
+    let reader = Journal::open_read_only(&path).unwrap();
+    assert_eq!(reader.head().unwrap(), 1);
+    journal.append(&[change("foyer", 2)], NOW_NS).unwrap();
+    assert_eq!(reader.head().unwrap(), 2);
+    drop((journal, reader));
+    assert_eq!(Journal::open_read_only(&path).unwrap().head().unwrap(), 2);
+}
+
+#[test]
+fn names_in_columns_are_the_names_in_json() {
+    use EventKind::*;
+    for kind in [
+        UnusualActivity,
+        Loitering,
+        ObjectLeft,
+        ObjectMissing,
+        DoorHeldOpen,
+        Crowd,
+        LaserSilent,
+        LaserStuck,
+        LaserBlocked,
+        LaserBlinded,
+        LaserMoved,
+        CoverageLost,
+        ProcessRestarted,
+        StorageFault,
+    ] {
+        assert_eq!(serde_json::to_value(kind).unwrap(), kind_name(kind).as_str());
+    }
+    for state in [EventState::Raised, EventState::Updated, EventState::Cleared] {
+        assert_eq!(serde_json::to_value(state).unwrap(), state_name(state));
+    }
+}
