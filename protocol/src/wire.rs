@@ -59,7 +59,7 @@ pub(crate) use header;
 
 /// Bytes of the [`Envelope`].
 pub const ENVELOPE_BYTES: usize = 32;
-const _: () = assert!(std::mem::size_of::<Envelope>() == ENVELOPE_BYTES);
+const _: () = assert!(size_of::<Envelope>() == ENVELOPE_BYTES);
 
 /// Header of messages whose payload is an encoded byte string (see `codec`): health, events.
 #[repr(C)]

@@ -1,0 +1,72 @@
+//! Every site file that is shipped can be read, and says nothing that looks like a mistake.
+#![allow(clippy::unwrap_used)]
+
+use protocol::site::{Pace, Site, Source};
+use std::path::{Path, PathBuf};
+
+fn shipped() -> Vec<PathBuf> {
+    let deploy = Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy");
+    let entries = std::fs::read_dir(deploy).unwrap().map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> =
+        entries.filter(|path| path.extension().is_some_and(|end| end == "toml")).collect();
+    files.sort();
+    files
+}
+
+fn read(path: &Path) -> Site {
+    let name = path.file_name().unwrap().to_str().unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let (site, warnings) =
+        Site::parse_with_warnings(&text, name).unwrap_or_else(|errors| panic!("\n{errors}"));
+    assert!(warnings.is_empty(), "\n{warnings}");
+    site
+}
+
+fn named(name: &str) -> Site {
+    let files = shipped();
+    read(files.iter().find(|path| path.ends_with(name)).unwrap())
+}
+
+#[test]
+fn every_shipped_site_file_is_read_without_a_warning() {
+    let files = shipped();
+    assert!(files.len() >= 3, "{files:?}");
+    for file in files {
+        let site = read(&file);
+        assert_eq!(Some(site.name.as_str()), file.file_stem().unwrap().to_str());
+    }
+}
+
+#[test]
+fn the_foyer_has_a_night_of_its_own_and_one_laser() {
+    let site = named("foyer.toml");
+    let area = &site.areas[site.area_index("foyer").unwrap()];
+    assert_eq!((area.grid().columns, area.grid().rows), (120, 80));
+    let night = &area.contexts[0];
+    assert_eq!((night.from_minute(), night.to_minute()), (22 * 60, 6 * 60));
+    let lasers: Vec<_> =
+        site.lasers_of("foyer").map(|(index, laser)| (index, &*laser.id)).collect();
+    assert_eq!(lasers, [(0, "front")]);
+    assert_eq!(site.laser_index("front"), Some(0));
+    assert_eq!(site.laser_index("back"), None);
+}
+
+#[test]
+fn the_lasers_of_the_room_look_at_its_middle() {
+    let site = named("room.toml");
+    let grid = site.areas[0].grid();
+    let side = |cells: u32| f64::from(cells) * grid.cell_m / 2.0;
+    assert_eq!(site.lasers_of("room").count(), 4);
+    for (_, laser) in site.lasers_of("room") {
+        let (pose, x_m, y_m) = (laser.pose(), side(grid.columns), side(grid.rows));
+        let bearing_rad = (y_m - pose.y_m).atan2(x_m - pose.x_m);
+        assert!((bearing_rad - pose.yaw_rad).abs() < 0.2, "{}", laser.id);
+    }
+}
+
+#[test]
+fn the_replay_example_loses_no_scan() {
+    let site = named("replay-example.toml");
+    let Source::Replay { pace, topic, .. } = &site.lasers[0].source else { panic!() };
+    assert_eq!((pace, topic.as_deref()), (&Pace::Lossless, Some("/scan")));
+}
