@@ -17,6 +17,8 @@
 //! | question | where |
 //! |---|---|
 //! | what is in a row, how do layouts change | `journal/schema.rs` |
+//! | what is accepted, and in which order | [`intake`] |
+//! | what if the disk is full | [`keeper`] |
 //! | how is a change appended, acknowledged, given up | [`journal`] |
 //! | how are rows found | `journal/query.rs` |
 //! | what if the file is damaged | `journal/damage.rs` |
@@ -25,8 +27,11 @@
 //! `acknowledged` by an operator, and retention: rows are small (1 kB) and events rare, nothing is
 //! ever deleted.
 
+pub mod intake;
 pub mod journal;
+pub mod keeper;
 #[cfg(test)]
 mod testing;
 
 pub use journal::{Entry, Filter, JOURNAL_FILE, Journal, JournalError};
+pub use keeper::{Keeper, Now, Report};

@@ -175,12 +175,24 @@ impl Journal {
         changes: &[EventChange],
         received_ns: u64,
     ) -> Result<Appended, JournalError> {
+        let rows: Vec<_> = changes.iter().map(|change| (received_ns, change)).collect();
+        self.append_received(&rows)
+    }
+
+    /// As [`Journal::append`], with a `received_ns` for each change.
+    ///
+    /// # Errors
+    /// As [`Journal::append`].
+    pub fn append_received(
+        &mut self,
+        rows: &[(u64, &EventChange)],
+    ) -> Result<Appended, JournalError> {
         let path = &self.path;
         let sqlite = |error: rusqlite::Error| JournalError::from_sqlite(path, &error);
         let transaction = self.connection.transaction().map_err(sqlite)?;
         let mut outcome = Appended::default();
-        for change in changes {
-            insert(&transaction, change, received_ns, &mut outcome).map_err(sqlite)?;
+        for (received_ns, change) in rows {
+            insert(&transaction, change, *received_ns, &mut outcome).map_err(sqlite)?;
         }
         outcome.head = head(&transaction).map_err(sqlite)?;
         transaction.commit().map_err(sqlite)?;
