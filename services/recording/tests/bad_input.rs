@@ -1,0 +1,233 @@
+//! Whatever the file holds: clear words, never a panic, never a loop, and every scan before the fault.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::{Fields, bag, chunk, connection, file, mcap, message, scan_bag};
+use proptest::prelude::*;
+use protocol::geometry::Pose;
+use recording::{RecordedScan, Recording, RecordingError, RecordingIndex};
+use std::path::Path;
+
+fn open_error(bytes: &[u8]) -> String {
+    let (_directory, path) = file(bytes);
+    Recording::open(&path).unwrap_err().to_string()
+}
+
+fn read(bytes: &[u8]) -> (Vec<RecordedScan>, Vec<RecordingError>) {
+    let (_directory, path) = file(bytes);
+    let (mut scans, mut errors) = (Vec::new(), Vec::new());
+    for item in Recording::open(&path).unwrap().scans() {
+        match item {
+            Ok(scan) => scans.push(scan),
+            Err(error) => errors.push(error),
+        }
+    }
+    (scans, errors)
+}
+
+fn index_error(bytes: &[u8]) -> String {
+    let (_directory, path) = file(bytes);
+    let recording = Recording::open(&path).unwrap();
+    RecordingIndex::scan(&recording, |_| Pose::default()).unwrap_err().to_string()
+}
+
+/// The one error of a recording of three messages whose middle one is bad.
+fn refusal(bad: &Fields) -> String {
+    let good = Fields::default();
+    let as_bag = scan_bag(&[good.ros1(), bad.ros1(), good.ros1()], "none");
+    let cdr = [good.cdr_big_endian(), bad.cdr_big_endian(), good.cdr_big_endian()];
+    let as_mcap = mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr);
+    let texts = [as_bag, as_mcap].map(|bytes| {
+        let (scans, errors) = read(&bytes);
+        let numbers: Vec<u64> = scans.iter().map(|found| found.number).collect();
+        assert_eq!(numbers, [1, 3], "reading goes on behind a bad message");
+        assert_eq!(errors.len(), 1);
+        assert!(!errors[0].ends_the_stream());
+        let text = errors[0].to_string();
+        text[text.find("message 2").unwrap()..].to_owned()
+    });
+    assert_eq!(texts[0], texts[1], "both containers say the same");
+    texts[0].clone()
+}
+
+#[test]
+fn foreign_files_are_named_with_what_to_do() {
+    let cases: [(&[u8], &str, &str); 8] = [
+        (b"#ROSBAG V1.2\n", "version 1.x", "rosbag fix"),
+        (b"#ROSRECORD V1.1\n", "version 1.x", "rosbag fix"),
+        (b"SQLite format 3\0....", "ROS 2 bag (.db3)", "ros2 bag convert"),
+        (b"\x0a\x0d\x0d\x0a\x1c\0\0\0", "pcapng", "record the scans"),
+        (b"\x1f\x8b\x08", "gzip", "unpack it"),
+        (b"# comment\nPARAM laser_type PLS\nFLASER 2 1 1 0 0 0 0 0 0 0 x 0\n", "CARMEN", "MCAP"),
+        (b"", "an empty file", "copied completely"),
+        (b"hello\xff", "begins with \"hello\\xff\"", "the file that you meant"),
+    ];
+    for (bytes, found, advice) in cases {
+        let error = open_error(bytes);
+        assert!(error.contains(found) && error.contains(advice), "{error}");
+    }
+}
+
+#[test]
+fn a_missing_file_a_directory_and_a_device_are_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let missing = Recording::open(directory.path().join("none.bag")).unwrap_err().to_string();
+    assert!(missing.contains("none.bag") && missing.contains("No such file"), "{missing}");
+    let error = Recording::open(directory.path()).unwrap_err().to_string();
+    assert!(error.contains("is a directory"), "{error}");
+    let device = Recording::open(Path::new("/dev/zero")).unwrap_err().to_string();
+    assert!(device.contains("expected a file"), "{device}");
+}
+
+#[test]
+fn a_recording_without_scans_says_what_it_holds() {
+    let empty = index_error(&bag(&[], &[]));
+    assert!(empty.contains("holds no laser scans: it is empty"), "{empty}");
+    let odometry = connection(3, "/odom", "nav_msgs/Odometry", common::MD5);
+    let records = [odometry.clone(), message(3, 1, b"body")];
+    let other = index_error(&bag(&[chunk(&records, "none")], &[odometry]));
+    assert!(other.contains("/odom (nav_msgs/Odometry)"), "{other}");
+    let strange = connection(0, "/scan", "sensor_msgs/LaserScan", &"0".repeat(32));
+    let changed = index_error(&bag(&[chunk(std::slice::from_ref(&strange), "none")], &[strange]));
+    assert!(changed.contains("sensor_msgs/LaserScan of another definition"), "{changed}");
+    let foxglove = index_error(&mcap("foxglove.LaserScan", "protobuf", &[vec![1, 2, 3]]));
+    assert!(foxglove.contains("/scan (foxglove.LaserScan in protobuf)"), "{foxglove}");
+}
+
+#[test]
+fn a_message_that_lies_about_its_length_is_refused_and_the_next_is_read() {
+    let lie = |announced| refusal(&Fields { announced: Some(announced), ..Fields::default() });
+    assert!(lie(1000).contains("1000 ranges announced, bytes for 4 are left"));
+    assert!(lie(u32::MAX).contains("4294967295 ranges, expected at most 4096"));
+    assert!(lie(2).contains("intensities"), "{}", lie(2));
+}
+
+#[test]
+fn more_beams_than_any_laser_has_are_refused() {
+    let beams = |count| Fields { ranges: vec![1.0; count], ..Fields::default() };
+    assert!(refusal(&beams(4097)).contains("4097 ranges, expected at most 4096"));
+    assert!(refusal(&beams(0)).contains("a scan of 0 ranges"));
+    let most = scan_bag(&[beams(4096).ros1()], "lz4");
+    assert_eq!(read(&most).0[0].scan.ranges_m.len(), 4096);
+    let body = beams(20_000).ros1();
+    let (scans, errors) = read(&scan_bag(&[body, Fields::default().ros1()], "bz2"));
+    assert!(errors[0].to_string().contains("longer than any scan"), "{}", errors[0]);
+    assert_eq!(scans[0].number, 2);
+}
+
+#[test]
+fn a_geometry_that_makes_no_sense_is_refused() {
+    let good = Fields::default();
+    let nan = refusal(&Fields { angle_min: f32::NAN, ..good.clone() });
+    assert!(nan.contains("not finite"), "{nan}");
+    let still = refusal(&Fields { angle_increment: 0.0, ..good.clone() });
+    assert!(still.contains("angle increment is 0"), "{still}");
+    let short = refusal(&Fields { range_max: 0.01, ..good });
+    assert!(short.contains("range_min < range_max"), "{short}");
+}
+
+#[test]
+fn cdr_of_another_kind_is_refused() {
+    let mut body = Fields::default().cdr_big_endian();
+    body[1] = 7;
+    let (scans, errors) = read(&mcap("sensor_msgs/msg/LaserScan", "cdr", &[body]));
+    assert!(scans.is_empty());
+    assert!(errors[0].to_string().contains("CDR encapsulation 00 07"), "{}", errors[0]);
+}
+
+#[test]
+fn a_bag_that_was_never_closed_gives_its_scans_and_then_the_cut() {
+    let mut bytes = scan_bag(&[Fields::default().ros1()], "none");
+    let at = bytes.windows(10).position(|window| window == b"index_pos=").unwrap() + 10;
+    bytes[at..at + 8].fill(0);
+    let (scans, errors) = read(&bytes);
+    assert_eq!(scans.len(), 1);
+    assert!(errors[0].is_cut());
+    assert!(errors[0].to_string().contains("never closed"), "{}", errors[0]);
+}
+
+#[test]
+fn an_unknown_compression_and_an_unknown_connection_are_damage() {
+    let (_, errors) = read(&bag(&[chunk(&[], "zip")], &[]));
+    assert!(errors[0].to_string().contains("\"zip\", expected none, bz2 or lz4"), "{}", errors[0]);
+    let (_, errors) = read(&bag(&[chunk(&[message(9, 1, b"x")], "none")], &[]));
+    assert!(errors[0].to_string().contains("unknown connection 9"), "{}", errors[0]);
+}
+
+/// What makes a scan, NaN ranges included.
+fn bits(scans: &[RecordedScan]) -> Vec<(u64, u64, Vec<u32>)> {
+    let ranges = |found: &RecordedScan| found.scan.ranges_m.iter().map(|r| r.to_bits()).collect();
+    scans.iter().map(|found| (found.log_time_ns, found.scan.stamp_ns, ranges(found))).collect()
+}
+
+/// Cuts `bytes` everywhere in steps: what is read is a prefix, and the cut is told.
+fn check_cuts(bytes: &[u8], step: usize, magic: usize) {
+    let (whole, errors) = read(bytes);
+    assert!(errors.is_empty(), "{errors:?}");
+    let mut most = 0;
+    for length in (magic..bytes.len()).step_by(step).chain([bytes.len() - 1]) {
+        let (scans, errors) = read(&bytes[..length]);
+        assert_eq!(bits(&scans), bits(&whole[..scans.len()]), "cut at {length}");
+        assert_eq!(errors.len(), 1, "cut at {length}: {errors:?}");
+        assert!(errors[0].is_cut(), "cut at {length}: {}", errors[0]);
+        assert!(scans.len() >= most, "a longer file gave fewer scans at {length}");
+        most = scans.len();
+    }
+    assert_eq!(most, whole.len(), "a cut behind the last scan loses none");
+}
+
+#[test]
+fn a_recording_cut_anywhere_gives_what_was_before() {
+    let scans: Vec<Vec<u8>> =
+        (0..20).map(|i| Fields { stamp: (i, 1), ..Fields::default() }.ros1()).collect();
+    for compression in ["none", "bz2", "lz4"] {
+        check_cuts(&scan_bag(&scans, compression), 5, 13);
+    }
+    let cdr = vec![Fields::default().cdr_big_endian(); 20];
+    check_cuts(&mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr), 5, 8);
+}
+
+#[test]
+fn a_real_bag_cut_anywhere_gives_what_was_before() {
+    for name in ["leigh_leg_tracker/positive_2.bag", "datmo/82c2bc_two_robots.bag"] {
+        let Some(path) = common::shared(name) else { return };
+        let bytes = std::fs::read(path).unwrap();
+        check_cuts(&bytes, bytes.len() / 23, 13);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn a_recording_with_wrong_bytes_is_read_or_refused(
+        wrong in prop::collection::vec((0.0..1.0_f64, any::<u8>()), 1..6),
+        compression in prop::sample::select(vec!["none", "bz2", "lz4", "mcap"]),
+    ) {
+        let bodies = |body: Vec<u8>| vec![body; 8];
+        let mut bytes = match compression {
+            "mcap" => {
+                let cdr = bodies(Fields::default().cdr_big_endian());
+                mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr)
+            }
+            _ => scan_bag(&bodies(Fields::default().ros1()), compression),
+        };
+        for (place, byte) in wrong {
+            let at = 13 + (place * (bytes.len() - 13) as f64) as usize;
+            bytes[at] = byte;
+        }
+        let (scans, errors) = read(&bytes);
+        prop_assert!(scans.len() + errors.len() <= 64);
+        prop_assert!(errors.iter().rev().skip(1).all(|error| !error.ends_the_stream()));
+    }
+
+    #[test]
+    fn any_bytes_behind_a_magic_are_refused(tail in prop::collection::vec(any::<u8>(), 0..300)) {
+        for magic in [&b"#ROSBAG V2.0\n"[..], b"\x89MCAP0\r\n"] {
+            let (scans, errors) = read(&[magic, &tail].concat());
+            prop_assert!(scans.is_empty());
+            prop_assert_eq!(errors.len(), 1);
+        }
+    }
+}
