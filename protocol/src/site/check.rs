@@ -174,7 +174,7 @@ impl<'s> Checker<'s> {
         let homes = homes(self.root, self.root, "", key);
         let help = match (meant, homes.as_slice()) {
             (Some(word), _) => format!("did you mean `{word}`?"),
-            (None, [_, ..]) => format!("`{shown}` belongs in {}", words::either(&homes)),
+            (None, [_, ..]) => format!("`{shown}` belongs {}", words::either(&homes)),
             (None, []) => format!("remove it. Keys here: {}", words::names(keys.map(|k| &**k))),
         };
         let child = Node { path: node.path_of(&shown), ..node.clone() };
@@ -260,8 +260,8 @@ fn homes(root: &Value, schema: &Value, path: &str, key: &str) -> Vec<String> {
     for properties in tables.filter_map(|table| table["properties"].as_object()) {
         if properties.contains_key(key) {
             let home = match path {
-                "" => "the top of the file, before the first `[[..]]`".to_owned(),
-                path => format!("`{path}`{}", of_kind(properties)),
+                "" => "at the top of the file, before the first `[[..]]`".to_owned(),
+                path => format!("in `{path}`{}", of_kind(properties)),
             };
             if !found.contains(&home) {
                 found.push(home);

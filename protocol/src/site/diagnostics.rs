@@ -117,7 +117,7 @@ impl Finding {
         // The parser says "reason, expected this": the part behind goes under the caret.
         let (found, expected) = match message.rsplit_once(", expected ") {
             Some((found, expected)) if !expected.is_empty() => (found, expected),
-            _ => (message, "TOML"),
+            _ => (message, ""),
         };
         let span = error.span().unwrap_or(0..0);
         Self::at(Severity::Error, span, String::new())

@@ -154,3 +154,6 @@ fn default_timezone() -> String {
 fn default_state_dir() -> String {
     "state".to_owned()
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,7 +4,7 @@ use super::{ID_PATTERN, TIME_PATTERN};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A part of the week with a normal of its own.
+/// A part of the week with a normal of its own. Where two overlap, the first of the file counts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Context {

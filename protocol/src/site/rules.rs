@@ -10,6 +10,7 @@ use crate::frame::LASERS_PER_AREA_MAX;
 use std::collections::BTreeMap;
 
 mod areas;
+mod contexts;
 mod lasers;
 
 /// Everything in the file that does not agree.
@@ -62,7 +63,9 @@ fn watched(areas: &[Node<'_>], lasers: &[Node<'_>], findings: &mut Vec<Finding>)
     let ids: Vec<&str> = areas.iter().filter_map(|area| Some(area.text("id")?.0)).collect();
     let watching: Vec<_> = lasers.iter().filter_map(|laser| laser.text("area")).collect();
     let all_read = ids.len() == areas.len() && !areas.is_empty();
-    for (id, node) in watching.iter().filter(|(id, _)| all_read && !ids.contains(id)) {
+    let all_watch = watching.len() == lasers.len() && !lasers.is_empty();
+    let lost: Vec<_> = watching.iter().filter(|(id, _)| all_read && !ids.contains(id)).collect();
+    for (id, node) in &lost {
         let help = match did_you_mean(id, ids.iter().copied()) {
             Some(area) => format!("did you mean {area:?}?"),
             None => format!("areas of this file: {}", names(ids.iter().copied())),
@@ -73,7 +76,8 @@ fn watched(areas: &[Node<'_>], lasers: &[Node<'_>], findings: &mut Vec<Finding>)
     for (id, node) in areas.iter().filter_map(|area| area.text("id")) {
         let count = watching.iter().filter(|(area, _)| *area == id).count();
         let shown = shortened(id);
-        if count == 0 && watching.len() == lasers.len() {
+        // A laser with a mistyped area is one mistake, told above.
+        if count == 0 && all_watch && lost.is_empty() {
             findings.push(
                 Finding::error(&node, "an area without a laser", "at least one laser")
                     .message(format!("no laser watches the area {}", quoted(id)))

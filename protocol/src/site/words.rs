@@ -178,7 +178,7 @@ pub(super) fn did_you_mean<'w>(
         let lower = word.to_ascii_lowercase();
         let distance = letters_apart(&typed, &lower);
         let same_stem = stem(&lower) == typed || stem(&lower) == stem(&typed);
-        let limit = (typed.len().max(word.len()) / 3).max(1);
+        let limit = (typed.len().max(word.len()) + 1) / 3;
         if same_stem {
             Some(0)
         } else {

@@ -7,7 +7,7 @@ use super::super::area::{
 use super::super::diagnostics::Finding;
 use super::super::tree::{Node, number};
 use super::super::words::{names, quoted, shortened};
-use super::unique;
+use super::{contexts, unique};
 use crate::geometry::GridGeometry;
 
 /// Most frames of the longest timescale: 29 h at 10 frames a second, 4 h at 75. The mapper keeps
@@ -18,18 +18,12 @@ const ZONE_AREA_MIN_M2: f64 = 0.01;
 
 pub(super) fn check(areas: &[Node<'_>], findings: &mut Vec<Finding>) {
     for area in areas {
-        reserved(area, "id", &["host"], "the name of the host in events", findings);
+        reserved(area, "id", &["host"], "where events of the machine itself come from", findings);
         cells(area, findings);
         times(area, findings);
         timescales(area, findings);
         classes(area, findings);
-        let contexts = area.list("context");
-        unique(&contexts, "name", "context", findings);
-        for context in &contexts {
-            let why = "the context of all times that no other names";
-            reserved(context, "name", &["always"], why, findings);
-            days(context, findings);
-        }
+        contexts::check(&area.list("context"), findings);
         let zones = area.list("zone");
         unique(&zones, "name", "zone", findings);
         for zone in &zones {
@@ -38,7 +32,13 @@ pub(super) fn check(areas: &[Node<'_>], findings: &mut Vec<Finding>) {
     }
 }
 
-fn reserved(node: &Node<'_>, key: &str, taken: &[&str], why: &str, findings: &mut Vec<Finding>) {
+pub(super) fn reserved(
+    node: &Node<'_>,
+    key: &str,
+    taken: &[&str],
+    why: &str,
+    findings: &mut Vec<Finding>,
+) {
     let Some((name, node)) = node.text(key).filter(|(name, _)| taken.contains(name)) else {
         return;
     };
@@ -174,19 +174,6 @@ fn classes(area: &Node<'_>, findings: &mut Vec<Finding>) {
             );
         }
         earlier.push((values, node));
-    }
-}
-
-fn days(context: &Node<'_>, findings: &mut Vec<Finding>) {
-    let mut seen: Vec<&str> = Vec::new();
-    for item in context.list("days") {
-        let Some(day) = item.value.as_str() else { continue };
-        if seen.contains(&day) {
-            findings.push(
-                Finding::error(&item, quoted(day), "each day once").help("remove one of the two"),
-            );
-        }
-        seen.push(day);
     }
 }
 

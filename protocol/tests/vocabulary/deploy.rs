@@ -1,5 +1,4 @@
 //! Every site file that is shipped can be read, and says nothing that looks like a mistake.
-#![allow(clippy::unwrap_used)]
 
 use protocol::site::{Pace, Site, Source};
 use std::path::{Path, PathBuf};

@@ -1,0 +1,184 @@
+//! Messages for tests: one fixed sample of each, and strategies for any.
+
+use proptest::collection::{btree_map, vec};
+use proptest::prelude::*;
+use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
+use protocol::health::{Fault, Health, ServiceState};
+use protocol::scan::{LaserScan, ScanGeometry};
+
+/// 2026-01-02 03:04:05.678 UTC.
+pub const STAMP_NS: u64 = 1_767_323_045_678_000_000;
+
+pub fn scan() -> LaserScan {
+    LaserScan {
+        stamp_ns: STAMP_NS,
+        device_stamp_ns: 42,
+        geometry: ScanGeometry {
+            angle_min_rad: -1.5,
+            angle_increment_rad: 0.25,
+            range_min_m: 0.125,
+            range_max_m: 8.0,
+        },
+        ranges_m: vec![1.0, f32::INFINITY, f32::NEG_INFINITY, 0.5],
+    }
+}
+
+pub fn event() -> EventChange {
+    EventChange {
+        origin: "foyer".into(),
+        sequence: 7,
+        id: "foyer-3".into(),
+        kind: EventKind::Loitering,
+        state: EventState::Updated,
+        stamp_ns: STAMP_NS,
+        first_evidence_ns: STAMP_NS - 12_000_000_000,
+        area: "foyer".into(),
+        zone: Some("door".into()),
+        x_m: 1.5,
+        y_m: -2.25,
+        bounds_m: [1.0, -2.5, 2.0, -2.0],
+        score: 12.5,
+        threshold: 10.0,
+        extrapolated: true,
+        text: "Somebody stands.".into(),
+    }
+}
+
+pub fn acknowledgement() -> EventAcknowledgement {
+    EventAcknowledgement { origin: "foyer".into(), sequence: 300 }
+}
+
+pub fn health() -> Health {
+    Health {
+        service: "fusion foyer".into(),
+        pid: 4321,
+        started_ns: STAMP_NS,
+        stamp_ns: STAMP_NS + 1,
+        state: ServiceState::Degraded,
+        counters: [("frames_out".to_owned(), 10), ("scans_in".to_owned(), 200)].into(),
+        gauges: [("scan_rate_hz".to_owned(), 9.5)].into(),
+        faults: vec![Fault {
+            code: "laser_silent".into(),
+            text: "front: no scan for 3 s".into(),
+            since_ns: STAMP_NS - 3,
+        }],
+    }
+}
+
+/// Any kind that there is. A new kind must be appended: its number is on the wire.
+pub const KINDS: [EventKind; 14] = [
+    EventKind::UnusualActivity,
+    EventKind::Loitering,
+    EventKind::ObjectLeft,
+    EventKind::ObjectMissing,
+    EventKind::DoorHeldOpen,
+    EventKind::Crowd,
+    EventKind::LaserSilent,
+    EventKind::LaserStuck,
+    EventKind::LaserBlocked,
+    EventKind::LaserBlinded,
+    EventKind::LaserMoved,
+    EventKind::CoverageLost,
+    EventKind::ProcessRestarted,
+    EventKind::StorageFault,
+];
+
+fn finite() -> impl Strategy<Value = f64> {
+    any::<f64>().prop_filter("finite", |value| value.is_finite())
+}
+
+fn geometry() -> impl Strategy<Value = ScanGeometry> {
+    let increment = prop_oneof![-1.0..-1e-6, 1e-6..1.0];
+    (-10.0..10.0, increment, 0.0..10.0, 10.5..1000.0).prop_map(|(min, increment, near, far)| {
+        ScanGeometry {
+            angle_min_rad: min,
+            angle_increment_rad: increment,
+            range_min_m: near,
+            range_max_m: far,
+        }
+    })
+}
+
+/// Ranges are raw: any bits, NaN with a payload included.
+pub fn any_scan() -> impl Strategy<Value = LaserScan> {
+    let ranges_m = vec(any::<u32>().prop_map(f32::from_bits), 0..200);
+    (any::<u64>(), any::<u64>(), geometry(), ranges_m).prop_map(
+        |(stamp_ns, device_stamp_ns, geometry, ranges_m)| LaserScan {
+            stamp_ns,
+            device_stamp_ns,
+            geometry,
+            ranges_m,
+        },
+    )
+}
+
+pub fn any_event() -> impl Strategy<Value = EventChange> {
+    let states =
+        prop::sample::select(vec![EventState::Raised, EventState::Updated, EventState::Cleared]);
+    let names = (".{0,40}", ".{0,40}", ".{0,40}", prop::option::of(".{0,40}"), ".{0,400}");
+    let numbers =
+        (finite(), finite(), [finite(), finite(), finite(), finite()], finite(), finite());
+    let rest = (any::<u64>(), any::<u64>(), any::<u64>(), any::<bool>());
+    (names, numbers, rest, prop::sample::select(KINDS.to_vec()), states).prop_map(
+        |(
+            (origin, id, area, zone, text),
+            (x_m, y_m, bounds_m, score, threshold),
+            rest,
+            kind,
+            state,
+        )| {
+            let (sequence, stamp_ns, first_evidence_ns, extrapolated) = rest;
+            EventChange {
+                origin,
+                sequence,
+                id,
+                kind,
+                state,
+                stamp_ns,
+                first_evidence_ns,
+                area,
+                zone,
+                x_m,
+                y_m,
+                bounds_m,
+                score,
+                threshold,
+                extrapolated,
+                text,
+            }
+        },
+    )
+}
+
+pub fn any_acknowledgement() -> impl Strategy<Value = EventAcknowledgement> {
+    (".{0,40}", any::<u64>())
+        .prop_map(|(origin, sequence)| EventAcknowledgement { origin, sequence })
+}
+
+pub fn any_health() -> impl Strategy<Value = Health> {
+    let states = prop::sample::select(vec![
+        ServiceState::Starting,
+        ServiceState::Running,
+        ServiceState::Degraded,
+        ServiceState::Ended,
+    ]);
+    let fault = (".{0,20}", ".{0,80}", any::<u64>()).prop_map(|(code, text, since_ns)| Fault {
+        code,
+        text,
+        since_ns,
+    });
+    let maps = (btree_map(".{0,20}", any::<u64>(), 0..20), btree_map(".{0,20}", finite(), 0..20));
+    let head = (".{0,40}", any::<u32>(), any::<u64>(), any::<u64>());
+    (head, states, maps, vec(fault, 0..5)).prop_map(
+        |((service, pid, started_ns, stamp_ns), state, (counters, gauges), faults)| Health {
+            service,
+            pid,
+            started_ns,
+            stamp_ns,
+            state,
+            counters,
+            gauges,
+            faults,
+        },
+    )
+}
