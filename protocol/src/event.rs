@@ -3,10 +3,24 @@
 //! An event is a happening; an [`EventChange`] is one line of its story and is what travels.
 //! `(origin, sequence)` names a change for ever: readers drop doubles by it and ask "all after n".
 
+use crate::wire::{ENVELOPE_BYTES, Envelope, header};
+use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 /// Longest text of a change, bytes: a few sentences. Longer texts are refused by the codec.
 pub const TEXT_BYTES_MAX: usize = 2000;
+
+/// Header of an encoded [`EventChange`] in shared memory.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+pub struct EventHeader {
+    /// Common part; `source` is the area's index in the site file.
+    pub envelope: Envelope,
+    /// CLOCK_MONOTONIC at the publication of the scan that completed the deciding frame,
+    /// nanoseconds: for latency only. 0 if a deadline did, or if this is sent again.
+    pub completed_by_mono_ns: u64,
+}
+header!(EventHeader, "tog.EventHeader.v1", ENVELOPE_BYTES + 8);
 
 /// What happened. The kind of an unusual event follows from the classes seen against those expected;
 /// the rest are faults: a fault is not an intrusion, and silence is not peace.

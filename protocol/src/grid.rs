@@ -36,12 +36,16 @@ pub struct ClassMapHeader {
     pub lasers_present: u64,
     /// As in `FrameHeader`: for latency only.
     pub completed_by_mono_ns: u64,
+    /// Index of the context that the frame's stamp falls into; 0 is `always`.
+    pub context: u32,
+    /// Number of classes.
+    pub classes: u32,
     /// Cells along x.
     pub columns: u32,
     /// Cells along y.
     pub rows: u32,
 }
-header!(ClassMapHeader, "tog.ClassMapHeader.v1", ENVELOPE_BYTES + 5 * 8);
+header!(ClassMapHeader, "tog.ClassMapHeader.v1", ENVELOPE_BYTES + 4 * 8 + 4 * 4);
 
 /// Header of a collapsed map of one context; the payload is `[u64]`, exact counts of frames,
 /// [class, row, column].

@@ -10,6 +10,7 @@
 //! | `event-ack` | acknowledgements | alerts | anomaly, supervisor |
 //! | `health` | health | everybody | supervisor, bridge |
 
+use crate::event::EventHeader;
 use crate::frame::FrameHeader;
 use crate::grid::{ClassMapHeader, CollapsedMapHeader};
 use crate::scan::ScanHeader;
@@ -84,7 +85,7 @@ pub fn collapsed(area: &str, cells: usize, classes: usize) -> Topic<CollapsedMap
 
 /// Encoded `EventChange`s.
 #[must_use]
-pub fn event() -> Topic<BytesHeader, u8> {
+pub fn event() -> Topic<EventHeader, u8> {
     Topic::new("event".to_owned(), BYTES_MAX)
 }
 

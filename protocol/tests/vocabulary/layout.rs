@@ -1,6 +1,7 @@
 //! The layout of every header in shared memory, as it is. iceoryx2 compares name and size only: who
 //! changes a line here changes the version in the name, too.
 
+use protocol::event::EventHeader;
 use protocol::frame::FrameHeader;
 use protocol::grid::{ClassMapHeader, CollapsedMapHeader};
 use protocol::scan::{ScanGeometry, ScanHeader};
@@ -28,9 +29,10 @@ fn the_layout_of_every_header_is_the_one_that_its_version_names() {
         layout!(FrameHeader,
             envelope number period_ns lasers_present completed_by_mono_ns columns rows),
         layout!(ClassMapHeader,
-            envelope number period_ns lasers_present completed_by_mono_ns columns rows),
+            envelope number period_ns lasers_present completed_by_mono_ns context, classes, columns rows),
         layout!(CollapsedMapHeader, envelope number period_ns context classes columns rows),
         layout!(BytesHeader, envelope),
+        layout!(EventHeader, envelope, completed_by_mono_ns),
     ];
     let expected = [
         "Envelope 32: seq@0 session@8 source@16 flags@20 published_mono_ns@24",
@@ -38,11 +40,12 @@ fn the_layout_of_every_header_is_the_one_that_its_version_names() {
         "tog.ScanHeader.v1 80: envelope@0 stamp_ns@32 device_stamp_ns@40 geometry@48",
         "tog.FrameHeader.v1 72: envelope@0 number@32 period_ns@40 lasers_present@48 \
          completed_by_mono_ns@56 columns@64 rows@68",
-        "tog.ClassMapHeader.v1 72: envelope@0 number@32 period_ns@40 lasers_present@48 \
-         completed_by_mono_ns@56 columns@64 rows@68",
+        "tog.ClassMapHeader.v1 80: envelope@0 number@32 period_ns@40 lasers_present@48 \
+         completed_by_mono_ns@56 context@64 classes@68 columns@72 rows@76",
         "tog.CollapsedMapHeader.v1 64: envelope@0 number@32 period_ns@40 context@48 classes@52 \
          columns@56 rows@60",
         "tog.BytesHeader.v1 32: envelope@0",
+        "tog.EventHeader.v1 40: envelope@0 completed_by_mono_ns@32",
     ];
     assert_eq!(layouts.join("\n"), expected.join("\n"));
 }
@@ -83,6 +86,7 @@ fn every_header_begins_with_its_envelope() {
     check::<ClassMapHeader>();
     check::<CollapsedMapHeader>();
     check::<BytesHeader>();
+    check::<EventHeader>();
 }
 
 #[test]
