@@ -29,10 +29,10 @@ fn the_layout_of_every_header_is_the_one_that_its_version_names() {
         layout!(FrameHeader,
             envelope number period_ns lasers_present completed_by_mono_ns columns rows),
         layout!(ClassMapHeader,
-            envelope number period_ns lasers_present completed_by_mono_ns context, classes, columns rows),
+            envelope number period_ns lasers_present completed_by_mono_ns context classes columns rows),
         layout!(CollapsedMapHeader, envelope number period_ns context classes columns rows),
         layout!(BytesHeader, envelope),
-        layout!(EventHeader, envelope, completed_by_mono_ns),
+        layout!(EventHeader, envelope completed_by_mono_ns),
     ];
     let expected = [
         "Envelope 32: seq@0 session@8 source@16 flags@20 published_mono_ns@24",
