@@ -1,0 +1,286 @@
+//! Fusion that follows the changes: the frame of an area, kept up to date scan by scan.
+//!
+//! Paper, 3.3: the readings of all lasers become one image; hit overrides miss overrides unknown.
+//! Here: every beam votes on the cells of its wedge. A reading that moves from r to r' touches only
+//! the cells between the two, and a reading that stays within the interval between two cells
+//! touches none: that is most of them, most of the time.
+//!
+//! The result is bit-identical to [`crate::dense::Fuser`], whatever the order of the scans: the
+//! planes are a function of the last scan of each laser.
+
+use crate::sensor_model::{BeamReading, LaserModel};
+use crate::votes::{HIT, MISS, Votes};
+use crate::wedge::{Wedge, WedgeTable};
+use protocol::geometry::GridGeometry;
+
+/// Incremental fusion of one area.
+#[derive(Debug, Clone)]
+pub struct Fuser {
+    grid: GridGeometry,
+    lasers: Vec<Option<Laser>>,
+    votes: Votes,
+    moved: Vec<u32>,
+}
+
+#[derive(Debug, Clone)]
+struct Laser {
+    model: LaserModel,
+    wedges: WedgeTable,
+    /// Per beam: readings in [low, high] say what the last one said. NaN is in no interval.
+    low_m: Vec<f32>,
+    high_m: Vec<f32>,
+    marks: Vec<Marks>,
+}
+
+/// Where a beam's evidence changes, as indices into its wedge: misses are [0, miss_end), hits are
+/// [hit_start, hit_end). Hits may overlap misses by a rounding; hit wins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Marks {
+    miss_end: u32,
+    hit_start: u32,
+    hit_end: u32,
+}
+
+impl Fuser {
+    /// A frame of unknown cells, for up to `lasers` lasers (at most 64).
+    #[must_use]
+    pub fn new(grid: GridGeometry, lasers: usize) -> Self {
+        Self {
+            grid,
+            lasers: vec![None; lasers],
+            votes: Votes::new(grid.cells()),
+            moved: Vec::new(),
+        }
+    }
+
+    /// The grid that is fused onto.
+    #[must_use]
+    pub fn grid(&self) -> &GridGeometry {
+        &self.grid
+    }
+
+    /// Sets or replaces a laser; it is absent until its first scan. Builds its wedges: 12 B for
+    /// each pair of a cell and a beam that covers it, about 0.1 us each. Does nothing if `laser` is
+    /// not below the number given to [`Fuser::new`].
+    pub fn install(&mut self, laser: usize, model: &LaserModel) {
+        self.retract(laser);
+        if let Some(slot) = self.lasers.get_mut(laser) {
+            *slot = Some(Laser::new(&self.grid, *model));
+        }
+    }
+
+    /// Whether the laser has a model.
+    #[must_use]
+    pub fn is_installed(&self, laser: usize) -> bool {
+        self.model(laser).is_some()
+    }
+
+    /// The laser's model, if installed.
+    #[must_use]
+    pub fn model(&self, laser: usize) -> Option<&LaserModel> {
+        self.lasers.get(laser)?.as_ref().map(|laser| &laser.model)
+    }
+
+    /// Takes the newest scan of a laser: raw ranges, metres (REP 117), as many as the model's beams
+    /// (the caller checks; beams that are missing keep what they said). Ignored if not installed.
+    pub fn apply(&mut self, laser: usize, ranges_m: &[f32]) {
+        let Some(Some(laser)) = self.lasers.get_mut(laser) else { return };
+        debug_assert_eq!(ranges_m.len(), laser.model.beams, "beams of the scan and of the model");
+        laser.find_moved(ranges_m, &mut self.moved);
+        for &beam in &self.moved {
+            let beam = beam as usize;
+            laser.move_beam(beam, laser.model.interpret(ranges_m[beam]), &mut self.votes);
+        }
+    }
+
+    /// The laser is absent: what only it saw is unknown, until its next scan.
+    pub fn retract(&mut self, laser: usize) {
+        let Some(Some(laser)) = self.lasers.get_mut(laser) else { return };
+        for beam in 0..laser.model.beams {
+            laser.move_beam(beam, laser.model.interpret(f32::NAN), &mut self.votes);
+        }
+    }
+
+    /// Plane of hits, as in `protocol::frame`.
+    #[must_use]
+    pub fn hit(&self) -> &[u64] {
+        &self.votes.hit
+    }
+
+    /// Plane of known cells, as in `protocol::frame`.
+    #[must_use]
+    pub fn known(&self) -> &[u64] {
+        &self.votes.known
+    }
+
+    /// Cells whose evidence may differ from what it was at the last [`Fuser::clear_changed`]: a
+    /// superset (a cell may have changed back), each once, in no particular order.
+    #[must_use]
+    pub fn changed_cells(&self) -> &[u32] {
+        &self.votes.changed
+    }
+
+    /// Starts a new list of changed cells. Who never calls it pays 4 B a cell.
+    pub fn clear_changed(&mut self) {
+        self.votes.clear_changed();
+    }
+
+    /// Size of the wedge tables, bytes.
+    #[must_use]
+    pub fn wedge_bytes(&self) -> usize {
+        self.lasers.iter().flatten().map(|laser| laser.wedges.bytes()).sum()
+    }
+}
+
+impl Laser {
+    fn new(grid: &GridGeometry, model: LaserModel) -> Self {
+        let mut laser = Self {
+            wedges: WedgeTable::build(grid, &model),
+            low_m: vec![0.0; model.beams],
+            high_m: vec![0.0; model.beams],
+            marks: vec![Marks::default(); model.beams],
+            model,
+        };
+        let nothing = laser.model.interpret(f32::NAN);
+        for beam in 0..laser.model.beams {
+            laser.set_interval(beam, nothing);
+        }
+        laser
+    }
+
+    /// Lists the beams whose reading left its interval.
+    fn find_moved(&self, ranges_m: &[f32], moved: &mut Vec<u32>) {
+        const LANES: usize = 16; // a cache line of ranges
+        moved.clear();
+        moved.resize(self.model.beams + 1, 0);
+        let beams = self.model.beams.min(ranges_m.len());
+        let inside = |r: f32, low: f32, high: f32| (r >= low) & (r <= high);
+        let mut count = 0;
+        for first in (0..beams).step_by(LANES) {
+            let chunk = first..(first + LANES).min(beams);
+            let (range, low, high) =
+                (&ranges_m[chunk.clone()], &self.low_m[chunk.clone()], &self.high_m[chunk.clone()]);
+            let mut all = true;
+            for ((&r, &l), &h) in range.iter().zip(low).zip(high) {
+                all &= inside(r, l, h);
+            }
+            if all {
+                continue;
+            }
+            for (lane, ((&r, &l), &h)) in range.iter().zip(low).zip(high).enumerate() {
+                // Always written, kept only if it counts: which beams move is random, and a
+                // mispredicted branch costs more than the store.
+                moved[count] = (first + lane) as u32;
+                count += usize::from(!inside(r, l, h));
+            }
+        }
+        moved.truncate(count);
+    }
+
+    fn move_beam(&mut self, beam: usize, says: BeamReading, votes: &mut Votes) {
+        let wedge = self.wedges.wedge(beam);
+        let old = self.marks[beam];
+        let new = old.walked(&wedge, says, self.model.range_tolerance_m);
+        if new != old {
+            cast_votes(wedge.cell, old, new, votes);
+            self.marks[beam] = new;
+        }
+        self.set_interval(beam, says);
+    }
+
+    /// The readings between which the marks of this beam stay as they are. Only an early-out: it
+    /// is 1 nm short at each end, so no rounding can put a reading on the wrong side.
+    fn set_interval(&mut self, beam: usize, says: BeamReading) {
+        let geometry = &self.model.geometry;
+        let (low, high) = if says.echo_m.is_nan() {
+            if says.miss_below_m == f64::NEG_INFINITY {
+                (f32::NEG_INFINITY, f32_below(geometry.range_min_m))
+            } else {
+                (f32_not_below(geometry.range_max_m), f32::INFINITY)
+            }
+        } else {
+            let marks = self.marks[beam];
+            let (low, high) =
+                marks.interval(self.wedges.wedge(beam).rho_m, self.model.range_tolerance_m);
+            (
+                f32_not_below((low + 1e-9).max(geometry.range_min_m)),
+                f32_below((high - 1e-9).min(geometry.range_max_m)),
+            )
+        };
+        self.low_m[beam] = low;
+        self.high_m[beam] = high;
+    }
+}
+
+impl Marks {
+    /// The marks of a reading, found by walking from these.
+    fn walked(self, wedge: &Wedge<'_>, says: BeamReading, dr: f64) -> Self {
+        let rho = wedge.rho_m;
+        let miss_end = walk(rho, self.miss_end, |rho| says.misses(rho));
+        if says.echo_m.is_nan() {
+            return Self { miss_end, hit_start: miss_end, hit_end: miss_end };
+        }
+        // |rho - r| < dr, split at its two ends; the subtraction is the sensor model's own.
+        let hit_start = walk(rho, miss_end, |rho| rho - says.echo_m <= -dr);
+        let hit_end = walk(rho, self.hit_end.max(hit_start), |rho| rho - says.echo_m < dr);
+        Self { miss_end, hit_start, hit_end: hit_end.max(hit_start) }
+    }
+
+    /// Open interval of the echoes that have these marks, metres.
+    fn interval(self, rho: &[f64], dr: f64) -> (f64, f64) {
+        let before = |mark: u32| match mark.checked_sub(1) {
+            Some(last) => rho[last as usize],
+            None => f64::NEG_INFINITY,
+        };
+        let after = |mark: u32| rho.get(mark as usize).copied().unwrap_or(f64::INFINITY);
+        let low =
+            (before(self.miss_end).max(before(self.hit_start)) + dr).max(before(self.hit_end) - dr);
+        let high =
+            (after(self.miss_end).min(after(self.hit_start)) + dr).min(after(self.hit_end) - dr);
+        (low, high)
+    }
+}
+
+/// The number of leading values for which `inside` holds, searched from a guess near it.
+#[inline]
+fn walk(rho: &[f64], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
+    let mut mark = guess as usize;
+    while mark < rho.len() && inside(rho[mark]) {
+        mark += 1;
+    }
+    while mark > 0 && !inside(rho[mark - 1]) {
+        mark -= 1;
+    }
+    mark as u32
+}
+
+/// Moves the votes of one beam from the old marks to the new ones.
+fn cast_votes(cells: &[u32], old: Marks, new: Marks, votes: &mut Votes) {
+    let span = |from: u32, to: u32| cells.get(from as usize..to as usize).unwrap_or(&[]);
+    let touching = |marks: Marks| marks.miss_end == marks.hit_start;
+    let overlapping = new.hit_start < old.hit_end && old.hit_start < new.hit_end;
+    if touching(old) && touching(new) && overlapping {
+        // The usual case: the echo moved a little. Nearer cells turn from hit to miss or back.
+        votes.add_all(span(old.hit_start, new.hit_start), MISS.wrapping_sub(HIT));
+        votes.add_all(span(new.hit_start, old.hit_start), HIT.wrapping_sub(MISS));
+        votes.add_all(span(old.hit_end, new.hit_end), HIT);
+        votes.add_all(span(new.hit_end, old.hit_end), HIT.wrapping_neg());
+    } else {
+        votes.add_all(span(new.hit_start, new.hit_end), HIT);
+        votes.add_all(span(old.miss_end, new.miss_end), MISS);
+        votes.add_all(span(old.hit_start, old.hit_end), HIT.wrapping_neg());
+        votes.add_all(span(new.miss_end, old.miss_end), MISS.wrapping_neg());
+    }
+}
+
+/// The least f32 that is not below `x`.
+fn f32_not_below(x: f64) -> f32 {
+    let near = x as f32;
+    if f64::from(near) < x { near.next_up() } else { near }
+}
+
+/// The greatest f32 that is below `x`.
+fn f32_below(x: f64) -> f32 {
+    let near = x as f32;
+    if f64::from(near) >= x { near.next_down() } else { near }
+}
