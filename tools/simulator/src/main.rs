@@ -1,0 +1,2 @@
+//! `simulator`: says what a workload or a scene is like.
+fn main() {}
