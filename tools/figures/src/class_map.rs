@@ -27,8 +27,7 @@ pub fn class_map(
     let keep: Vec<[f64; 2]> = lasers.iter().map(|l| [l.x_m, l.y_m]).collect();
     let crop: Option<&dyn Fn(usize) -> bool> = if options.crop { Some(&observed) } else { None };
     let view = View::new(&map.grid, crop, &keep, PLOT_MIN_PX, options.plot_max_px());
-    let outside: Vec<String> =
-        lasers.iter().filter(|l| view.px(l.x_m, l.y_m).is_none()).map(|l| l.id.clone()).collect();
+    let outside = marks::lasers_outside(&view, lasers);
     let keys = legend(map, !lasers.is_empty());
     let face = Face::load()?;
     let widest = keys.iter().map(|(_, text)| face.width(text, TEXT_PX)).max().unwrap_or(0);
@@ -44,7 +43,7 @@ pub fn class_map(
     let view = sheet.view;
     view.paint_cells(&mut sheet.canvas, |cells| paint(&map.classes, cells));
     sheet.axes();
-    marks::draw_lasers(&mut sheet.canvas, &sheet.face, &view, lasers, true);
+    marks::draw_marks(&mut sheet.canvas, &sheet.face, &view, lasers, &[]);
     sheet.legend(view.area().right() + 22, view.area().y + 8, legend_px, &keys);
     sheet.canvas.png()
 }

@@ -13,33 +13,55 @@ const LABEL_MAX_PX: i32 = 160;
 /// Most marks of a kind that are drawn: more would cover the map.
 const MARKS_MAX: usize = 64;
 
-/// Draws lasers as arrows in their heading, with their names if `labels`; gives back the names of
-/// those outside the view.
-pub(crate) fn draw_lasers(
+/// Names of the lasers that are not in the view.
+pub(crate) fn lasers_outside(view: &View, lasers: &[LaserMark]) -> Vec<String> {
+    lasers.iter().filter(|l| place(view, l).is_none()).map(|l| l.id.clone()).collect()
+}
+
+/// Numbers, from 1, of the events that are not in the view.
+pub(crate) fn events_outside(view: &View, events: &[EventMark]) -> Vec<String> {
+    let outside = events.iter().enumerate().filter(|(_, e)| view.px(e.x_m, e.y_m).is_none());
+    outside.map(|(i, _)| (i + 1).to_string()).collect()
+}
+
+fn place(view: &View, laser: &LaserMark) -> Option<[f32; 2]> {
+    view.px(laser.x_m, laser.y_m).filter(|_| laser.yaw_rad.is_finite())
+}
+
+/// Draws lasers as small arrows in their heading.
+pub(crate) fn draw_small_lasers(canvas: &mut Canvas, view: &View, lasers: &[LaserMark]) {
+    for laser in lasers.iter().take(MARKS_MAX) {
+        if let Some(at) = place(view, laser) {
+            arrow(canvas, at, laser.yaw_rad, 0.6);
+        }
+    }
+}
+
+/// Draws lasers as arrows in their heading with their names, and events as discs with their
+/// numbers, 1 for the first, which lies on top.
+pub(crate) fn draw_marks(
     canvas: &mut Canvas,
     face: &Face,
     view: &View,
     lasers: &[LaserMark],
-    labels: bool,
-) -> Vec<String> {
-    let (mut outside, mut shown) = (Vec::new(), Vec::new());
-    for laser in lasers.iter().take(MARKS_MAX) {
-        match view.px(laser.x_m, laser.y_m).filter(|_| laser.yaw_rad.is_finite()) {
-            Some(at) => shown.push((laser, at)),
-            None => outside.push(laser.id.clone()),
+    events: &[EventMark],
+) {
+    let lasers = lasers.iter().take(MARKS_MAX);
+    let lasers: Vec<(&LaserMark, [f32; 2])> =
+        lasers.filter_map(|l| place(view, l).map(|at| (l, at))).collect();
+    let mut taken: Vec<Rect> = lasers.iter().map(|(_, at)| around(*at, 13)).collect();
+    for (laser, at) in &lasers {
+        arrow(canvas, *at, laser.yaw_rad, 1.0);
+    }
+    for (i, event) in events.iter().enumerate().take(MARKS_MAX).rev() {
+        if let Some(at) = view.px(event.x_m, event.y_m) {
+            disc(canvas, face, i + 1, at[0] as i32, at[1] as i32);
+            taken.push(around(at, 12));
         }
     }
-    let size = if labels { 1.0 } else { 0.6 };
-    for (laser, at) in &shown {
-        arrow(canvas, *at, laser.yaw_rad, size);
+    for (laser, at) in &lasers {
+        label(canvas, face, view, &laser.id, *at, &mut taken);
     }
-    if labels {
-        let mut taken: Vec<Rect> = shown.iter().map(|(_, at)| around(*at, 11)).collect();
-        for (laser, at) in &shown {
-            label(canvas, face, view, &laser.id, *at, &mut taken);
-        }
-    }
-    outside
 }
 
 fn around(at: [f32; 2], radius: i32) -> Rect {
@@ -99,25 +121,6 @@ fn label(
     }
 }
 
-/// Draws events as numbered discs, 1 for the first; gives back the numbers of those outside.
-pub(crate) fn draw_events(
-    canvas: &mut Canvas,
-    face: &Face,
-    view: &View,
-    events: &[EventMark],
-) -> Vec<usize> {
-    let mut outside = Vec::new();
-    // The first event is drawn last, on top.
-    for (i, event) in events.iter().enumerate().take(MARKS_MAX).rev() {
-        match view.px(event.x_m, event.y_m) {
-            Some([x, y]) => disc(canvas, face, i + 1, x as i32, y as i32),
-            None => outside.push(i + 1),
-        }
-    }
-    outside.reverse();
-    outside
-}
-
 /// The numbered disc of an event.
 pub(crate) fn disc(canvas: &mut Canvas, face: &Face, number: usize, x: i32, y: i32) {
     canvas.disc(x as f32, y as f32, 11.0, WHITE);
@@ -153,13 +156,25 @@ mod tests {
     fn marks_outside_the_view_are_named() {
         let grid = GridGeometry { origin_m: [0.0; 2], cell_m: 0.1, columns: 30, rows: 30 };
         let view = View::new(&grid, None, &[], [1, 1], [300, 300]);
-        let (mut canvas, face) = (Canvas::new(300, 300), Face::load().unwrap());
-        let laser = |id: &str, x_m| LaserMark { id: id.into(), x_m, y_m: 1.0, yaw_rad: 0.0 };
-        let lasers = [laser("near", 1.0), laser("far", 99.0), laser("lost", f64::NAN)];
-        let outside = draw_lasers(&mut canvas, &face, &view, &lasers, true);
-        assert_eq!(outside, ["far", "lost"]);
+        let laser = |id: &str, x_m, yaw_rad| LaserMark { id: id.into(), x_m, y_m: 1.0, yaw_rad };
+        let lasers = [
+            laser("near", 1.0, 0.0),
+            laser("far", 99.0, 0.0),
+            laser("lost", f64::NAN, 0.0),
+            laser("turned", 1.0, f64::INFINITY),
+        ];
+        assert_eq!(lasers_outside(&view, &lasers), ["far", "lost", "turned"]);
         let event = |x_m| EventMark { x_m, y_m: 1.0, label: String::new() };
-        let outside = draw_events(&mut canvas, &face, &view, &[event(1.0), event(-5.0)]);
-        assert_eq!(outside, [2]);
+        assert_eq!(events_outside(&view, &[event(1.0), event(-5.0)]), ["2"]);
+    }
+
+    #[test]
+    fn a_label_goes_where_nothing_is() {
+        let grid = GridGeometry { origin_m: [0.0; 2], cell_m: 0.1, columns: 30, rows: 30 };
+        let view = View::new(&grid, None, &[], [1, 1], [300, 300]);
+        let (mut canvas, face) = (Canvas::new(300, 300), Face::load().unwrap());
+        let mut taken = vec![Rect::new(150, 120, 150, 60), Rect::new(139, 139, 22, 22)];
+        label(&mut canvas, &face, &view, "north", [150.0, 150.0], &mut taken);
+        assert!(taken[2].right() < 139 && taken[2].shared_px(&taken[0]) == 0, "{:?}", taken[2]);
     }
 }

@@ -59,29 +59,30 @@ pub fn overview(
     let keys = legend(map, lasers, events);
     let face = Face::load()?;
     let column = sheet::legend_height_px(&face, LEGEND_PX, &keys);
-    let above = (view.size_px()[1] + sheet::AXIS_X_PX).max(column);
+    let map_height = view.size_px()[1] + sheet::AXIS_X_PX;
     let right = LEGEND_PX + 22;
+    // Panels use the width below the legend too, unless the legend is longer than the map.
     let width = Sheet::width_px(&face, &view, right) - 2 * PAD - BAR_PX;
-    let panels = Panels::new(map, options, &view, width, above);
+    let width = if column > map_height { width - right } else { width };
+    let panels = Panels::new(map, options, &view, width, map_height.max(column));
     let texts = Texts {
         title: &map.title,
         subtitle: &map.subtitle,
-        caption: caption(map, lasers, events, options, &view),
+        caption: caption(map, lasers, events, options, [&view, &panels.view]),
     };
     let (right, height) = match panels.beside {
-        true => (right + 24 + panels.width_px(), above.max(panels.height_px())),
-        false => (right, above + 10 + panels.height_px()),
+        true => (right + 24 + panels.width_px(), map_height.max(panels.height_px())),
+        false => (right, map_height + 10 + panels.height_px()),
     };
-    let mut sheet = Sheet::new(view, &texts, right, 0, height)?;
+    let mut sheet = Sheet::new(view, &texts, right, 0, height.max(column))?;
     let (view, area) = (sheet.view, sheet.view.area());
     view.paint_cells(&mut sheet.canvas, |cells| paint(map, cells, options.gamma));
     sheet.axes();
-    marks::draw_lasers(&mut sheet.canvas, &sheet.face, &view, lasers, true);
-    marks::draw_events(&mut sheet.canvas, &sheet.face, &view, events);
+    marks::draw_marks(&mut sheet.canvas, &sheet.face, &view, lasers, events);
     sheet.legend(area.right() + 22, area.y + 8, LEGEND_PX, &keys);
     let at = match panels.beside {
         true => [area.right() + 22 + LEGEND_PX + 24, area.y - PANEL_NAME_PX + 6],
-        false => [PAD, area.y + above + 10],
+        false => [PAD, area.y + map_height + 10],
     };
     panels.draw(&mut sheet, map, lasers, options.gamma, at);
     sheet.canvas.png()
@@ -127,12 +128,8 @@ fn caption(
     lasers: &[LaserMark],
     events: &[EventMark],
     options: &Options,
-    view: &View,
+    [view, panel]: [&View; 2],
 ) -> String {
-    let lasers = lasers.iter().filter(|l| view.px(l.x_m, l.y_m).is_none());
-    let lasers: Vec<String> = lasers.map(|l| l.id.clone()).collect();
-    let events_out = events.iter().enumerate().filter(|(_, e)| view.px(e.x_m, e.y_m).is_none());
-    let events_out: Vec<String> = events_out.map(|(i, _)| (i + 1).to_string()).collect();
     let unlisted = events.len().saturating_sub(EVENTS_MAX);
     let more = if unlisted > 0 { format!("{unlisted} more events. ") } else { String::new() };
     format!(
@@ -141,10 +138,20 @@ fn caption(
         name_of_empty(map),
         LEAD_SHARE_MIN * 100.0,
         gamma_text(options.gamma).replace("Colours", "colours"),
-        sheet::reduction_text(view, "the largest share of them"),
-        sheet::outside_text("laser", &lasers),
-        sheet::outside_text("event", &events_out),
+        reduction_text(view, panel),
+        sheet::outside_text("laser", &marks::lasers_outside(view, lasers)),
+        sheet::outside_text("event", &marks::events_outside(view, events)),
     )
+}
+
+fn reduction_text(view: &View, panel: &View) -> String {
+    match [view.reduction(), panel.reduction()] {
+        [1, 1] => String::new(),
+        [n, p] => format!(
+            "A pixel of the map is {n} × {n} cells, of a panel {p} × {p}, and shows the largest \
+             share of them. "
+        ),
+    }
 }
 
 /// Colour of a block of cells: its leading class.
@@ -182,7 +189,7 @@ impl Panels {
     fn new(map: &OverviewMap, options: &Options, main: &View, width: i32, height: i32) -> Self {
         let count = map.classes.len().max(1) as i32;
         let [main_width, main_height] = main.size_px();
-        let beside = main_width * 4 < main_height * 5;
+        let beside = main_width * 4 < main_height * 5 || main_width < 2 * PANEL_PX[0] + BAR_PX;
         let (columns, max_px) = if beside {
             let rows = ((count + 3) / 4).max(2).min(count);
             let side = height / rows - PANEL_NAME_PX - PANEL_GAP_PX;
@@ -230,7 +237,7 @@ impl Panels {
             let view = self.view.placed(x, y);
             view.paint_cells(&mut sheet.canvas, |cells| share::paint(&class.share, cells, gamma));
             sheet.canvas.outline(view.area().grown(1), INK);
-            marks::draw_lasers(&mut sheet.canvas, &sheet.face, &view, lasers, false);
+            marks::draw_small_lasers(&mut sheet.canvas, &view, lasers);
             name_panel(sheet, class, view.area());
         }
         let x = at[0] + self.columns * pitch[0] + 6;
@@ -245,6 +252,7 @@ fn name_panel(sheet: &mut Sheet, class: &ClassShare, area: Rect) {
     let note = match largest {
         s if s.is_nan() => "not observed".to_owned(),
         0.0 => "never".to_owned(),
+        s if s < 0.001 => "below 0.1 %".to_owned(),
         s => format!("up to {}", scale::percent(f64::from(s))),
     };
     let style = |colour, anchor| Style::new(TEXT_PX, colour, anchor);

@@ -34,8 +34,7 @@ fn draw(map: &ShareMap, lasers: &[LaserMark], options: &Options) -> Result<Sheet
     check_grid(&map.grid)?;
     check_share(&map.title, &map.share, &map.grid)?;
     let view = view_of(map, lasers, options);
-    let outside: Vec<String> =
-        lasers.iter().filter(|l| view.px(l.x_m, l.y_m).is_none()).map(|l| l.id.clone()).collect();
+    let outside = marks::lasers_outside(&view, lasers);
     let texts = Texts {
         title: &map.title,
         subtitle: &map.subtitle,
@@ -52,7 +51,7 @@ fn draw(map: &ShareMap, lasers: &[LaserMark], options: &Options) -> Result<Sheet
     sheet.axes();
     let area = view.area();
     sheet.colour_bar(Rect::new(area.right() + 22, area.y, 20, area.height), options.gamma);
-    marks::draw_lasers(&mut sheet.canvas, &sheet.face, &view, lasers, true);
+    marks::draw_marks(&mut sheet.canvas, &sheet.face, &view, lasers, &[]);
     let y = area.bottom() + 66;
     sheet.legend(area.x, y, 150, &[(Key::Never, "never observed".into())]);
     if !lasers.is_empty() {

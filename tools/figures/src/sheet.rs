@@ -140,8 +140,10 @@ impl Sheet {
             self.face.draw(&mut self.canvas, &text, bar.right() + 10, y, style(Anchor::Left));
         }
         let (x, middle) = (bar.right() + 66, bar.y + bar.height / 2);
-        let title = self.face.cut("share of the observed frames", SMALL_PX, bar.height);
-        self.face.draw_upwards(&mut self.canvas, &title, x, middle, style(Anchor::Centre));
+        let titles = ["share of the observed frames", "share of frames", "share"];
+        let fits = |t: &&str| self.face.width(t, SMALL_PX) <= bar.height;
+        let title = titles.into_iter().find(fits).unwrap_or_default();
+        self.face.draw_upwards(&mut self.canvas, title, x, middle, style(Anchor::Centre));
     }
 
     /// Draws keys (sign, text) below each other from (x, y), each at most `width` pixels wide.

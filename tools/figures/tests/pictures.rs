@@ -167,13 +167,13 @@ proptest! {
         crop: bool,
     ) {
         let options = Options { plot_max_px: side, crop, ..Options::default() };
-        let value = |i: usize| if i % observed == 0 { (i % 7) as f32 / 6.0 } else { f32::NAN };
+        let value = |i: usize| if i.is_multiple_of(observed) { (i % 7) as f32 / 6.0 } else { f32::NAN };
         let mut map = share_map(grid, value);
         map.title = title.clone();
         let picture = Picture::of(&class_share(&map, &lasers, &options).unwrap());
         prop_assert!(picture.edge_is_blank());
 
-        let classes = (0..grid.cells()).map(|i| if i % observed == 0 { 4 } else { CLASS_UNKNOWN });
+        let classes = (0..grid.cells()).map(|i| if i.is_multiple_of(observed) { 4 } else { CLASS_UNKNOWN });
         let names = vec![ClassName { id: 4, name: title.clone() }];
         let instant = ClassGrid {
             grid, classes: classes.collect(), names, title: title.clone(), subtitle: title.clone(),
