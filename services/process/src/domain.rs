@@ -1,0 +1,401 @@
+//! The shared-memory domain of an instance, and its one owner (iceoryx2.md, section 3).
+//!
+//! A process that is killed while it creates a service leaves a name that nobody can ever open
+//! again. So one process, the owner, holds the lock, wipes what the dead of earlier runs left,
+//! creates everything, sweeps up after each child's death, and removes all at the end. Workers
+//! only open.
+
+use crate::bus::{self, Bus};
+use crate::clock::{Clock, monotonic_ns, wall_ns};
+use crate::event_loop::EventLoop;
+use crate::instance::{Instance, InstanceError, RUN_DIR_BYTES_MAX, make_private_dir};
+use crate::plan::{Plan, TopicPlan};
+use crate::ports::{BusError, Element};
+use iceoryx2::prelude::{
+    Config, FilePath, Node, NodeBuilder, SemanticString, SignalHandlingMode, ipc,
+};
+use protocol::frame::FrameHeader;
+use protocol::grid::{ClassMapHeader, CollapsedMapHeader};
+use protocol::scan::ScanHeader;
+use protocol::site::{Pace, Site, Source};
+use protocol::wire::{BytesHeader, Header};
+use rustix::fs::{FlockOperation, flock};
+use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use std::fs::{self, File};
+use std::io::{Read, Seek, Write};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Where shared-memory objects of Linux are files.
+const SHARED_MEMORY_DIR: &str = "/dev/shm";
+/// How long a sweep waits for a dead node that somebody else is sweeping: nobody else does.
+const SWEEP_PATIENCE: Duration = Duration::from_millis(500);
+
+/// Why an instance cannot be started.
+#[derive(Debug, thiserror::Error)]
+pub enum OwnerError {
+    /// Another owner lives.
+    #[error(
+        "the site {site} already runs: process {pid} owns {run_dir}. Stop it first (Ctrl-C, or \
+         `kill {pid}`), or set TOG_RUN_DIR for a second instance"
+    )]
+    AlreadyRuns {
+        /// The site's name.
+        site: String,
+        /// The owner's process id as it wrote it.
+        pid: String,
+        /// The run directory.
+        run_dir: PathBuf,
+    },
+    /// Not enough shared memory: writing into a full one kills a process (SIGBUS).
+    #[error(
+        "the site needs up to {needed_mib} MiB of shared memory, but {SHARED_MEMORY_DIR} has \
+         {free_mib} MiB free: enlarge it (docker: --shm-size), or watch fewer or smaller areas"
+    )]
+    SharedMemory {
+        /// What the plan adds up to.
+        needed_mib: u64,
+        /// What is free.
+        free_mib: u64,
+    },
+    /// A file.
+    #[error("cannot {action} {path}: {source}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// Where.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The run directory.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// Shared memory.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+}
+
+/// What an owner needs to know beyond the site itself.
+#[derive(Debug, Clone)]
+pub struct OwnerOptions {
+    /// Holds the run directories; [`crate::instance::default_run_root`] unless a test wants its own.
+    pub run_root: PathBuf,
+    /// Where relative paths of the site file begin.
+    pub base_dir: PathBuf,
+    /// Where results go, if asked for.
+    pub out_dir: Option<PathBuf>,
+    /// Site time.
+    pub clock: Clock,
+}
+
+/// The owner of an instance: as long as it lives, workers can open; when it is dropped, nothing is
+/// left.
+pub struct Owner {
+    instance: Instance,
+    site: Site,
+    // Dropped in this order: services, then the node, then (in `Drop`) the files, then the lock.
+    factories: Vec<Box<dyn std::any::Any>>,
+    node: Option<Node<ipc::Service>>,
+    lock: File,
+}
+
+impl Owner {
+    /// Takes the run directory of a site, wipes what dead runs left there, and creates its services.
+    ///
+    /// # Errors
+    /// If another owner lives, memory is too small, or a file or service cannot be made.
+    pub fn start(site: &Site, options: &OwnerOptions) -> Result<Self, OwnerError> {
+        let plan = Plan::new(site);
+        let lossless = is_lossless(site);
+        let topics = all_topics(&plan, lossless);
+        make_private_dir(&options.run_root)?;
+        let run_root = options.run_root.canonicalize().map_err(|source| OwnerError::Io {
+            action: "resolve",
+            path: options.run_root.clone(),
+            source,
+        })?;
+        let run_dir = run_root.join(&site.name);
+        let length = run_dir.as_os_str().len();
+        if length > RUN_DIR_BYTES_MAX {
+            return Err(InstanceError::TooLong { path: run_dir, found: length }.into());
+        }
+        let lock = take_lock(&site.name, &run_dir)?;
+        let instance = Instance {
+            site_name: site.name.clone(),
+            prefix: prefix_of(&run_dir),
+            base_dir: options.base_dir.clone(),
+            state_dir: options.base_dir.join(&site.state_dir),
+            out_dir: options.out_dir.clone(),
+            clock: options.clock,
+            lossless,
+            owner_pid: std::process::id(),
+            started_ns: wall_ns(),
+            started_mono_ns: monotonic_ns(),
+            run_dir,
+        };
+        wipe(&instance);
+        check_budget(topics.iter().map(TopicPlan::bytes_max).sum())?;
+        let root = instance.iceoryx_root();
+        make_private_dir(&root)?;
+        let config = instance.iceoryx_config();
+        fs::write(&config, iceoryx_config_text(&instance)).map_err(|source| OwnerError::Io {
+            action: "write",
+            path: config,
+            source,
+        })?;
+        instance.store(site)?;
+        raise_descriptor_limit();
+        let node = create_node(&instance).map_err(|reason| BusError::Open {
+            what: "the owner's node",
+            topic: instance.site_name.clone(),
+            reason,
+        })?;
+        let node_slots = plan.node_slots();
+        let factories = topics
+            .iter()
+            .map(|topic| create(&node, topic, node_slots))
+            .collect::<Result<_, BusError>>()?;
+        Ok(Self { instance, site: site.clone(), factories, node: Some(node), lock })
+    }
+
+    /// What workers are handed.
+    #[must_use]
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+
+    /// The site.
+    #[must_use]
+    pub fn site(&self) -> &Site {
+        &self.site
+    }
+
+    /// Number of topics that were created.
+    #[must_use]
+    pub fn topics(&self) -> usize {
+        self.factories.len()
+    }
+
+    /// A bus on which the owner itself publishes and reads (health, events).
+    ///
+    /// # Errors
+    /// If its node cannot be created.
+    pub fn bus(&self, events: &EventLoop) -> Result<Bus, BusError> {
+        Bus::open_as_owner(&self.instance, &self.site, events)
+    }
+
+    /// Frees what dead processes held: to be called after each child's exit. Returns how many dead
+    /// were removed and how many could not be.
+    pub fn sweep(&self) -> (u64, u64) {
+        let Some(node) = &self.node else { return (0, 0) };
+        let state = node.blocking_cleanup_dead_nodes(SWEEP_PATIENCE);
+        (state.cleanups, state.failed_cleanups)
+    }
+}
+
+impl std::fmt::Debug for Owner {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Owner").field("instance", &self.instance).finish_non_exhaustive()
+    }
+}
+
+impl Drop for Owner {
+    fn drop(&mut self) {
+        self.factories.clear();
+        self.node = None;
+        wipe(&self.instance);
+        // The lock's file goes last: who waits for it looks whether it is still the one in the directory.
+        let _ = fs::remove_file(self.instance.lock_file());
+        let _ = fs::remove_dir(&self.instance.run_dir);
+        let _ = flock(&self.lock, FlockOperation::Unlock);
+    }
+}
+
+/// True if the lasers of a site replay as fast as the slowest reader.
+#[must_use]
+pub fn is_lossless(site: &Site) -> bool {
+    let lossless = |source: &Source| matches!(source, Source::Replay { pace: Pace::Lossless, .. });
+    site.lasers.iter().any(|laser| lossless(&laser.source))
+}
+
+fn all_topics(plan: &Plan, lossless: bool) -> Vec<TopicPlan> {
+    let credited = |topic: &&TopicPlan| lossless && topic.required_readers > 0;
+    let credits: Vec<_> = plan.topics.iter().filter(credited).map(bus::credit_plan).collect();
+    plan.topics.iter().cloned().chain(credits).collect()
+}
+
+fn create(
+    node: &Node<ipc::Service>,
+    topic: &TopicPlan,
+    node_slots: usize,
+) -> Result<Box<dyn std::any::Any>, BusError> {
+    fn boxed<H: Header, E: Element>(
+        node: &Node<ipc::Service>,
+        topic: &TopicPlan,
+        node_slots: usize,
+    ) -> Result<Box<dyn std::any::Any>, BusError> {
+        Ok(Box::new(bus::create_topic::<H, E>(node, topic, node_slots)?))
+    }
+    use crate::plan::Kind;
+    match topic.kind {
+        Kind::Scan => boxed::<ScanHeader, f32>(node, topic, node_slots),
+        Kind::Frame => boxed::<FrameHeader, u64>(node, topic, node_slots),
+        Kind::Classes => boxed::<ClassMapHeader, u8>(node, topic, node_slots),
+        Kind::Collapsed => boxed::<CollapsedMapHeader, u64>(node, topic, node_slots),
+        Kind::Bytes => boxed::<BytesHeader, u8>(node, topic, node_slots),
+        Kind::Credit => boxed::<BytesHeader, u64>(node, topic, node_slots),
+    }
+}
+
+/// A node of ours: signals are our business, and so is sweeping up.
+pub(crate) fn create_node(instance: &Instance) -> Result<Node<ipc::Service>, String> {
+    let path = instance.iceoryx_config();
+    let path = FilePath::new(path.as_os_str().as_encoded_bytes())
+        .map_err(|error| format!("{}: {error:?}", path.display()))?;
+    // The process-wide configuration must be the instance's: iceoryx2 falls back to it when it sweeps
+    // up a node whose own record is gone. The first call of a process decides.
+    let reason = |error| format!("configuration {path}: {error:?}");
+    Config::setup_global_config_from_file(&path).map_err(reason)?;
+    let config = Config::from_file(&path).map_err(reason)?;
+    NodeBuilder::new()
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .config(&config)
+        .create::<ipc::Service>()
+        .map_err(|error| error.to_string())
+}
+
+/// A descriptor that becomes readable when the owner dies.
+pub(crate) fn watch_owner(instance: &Instance) -> Result<OwnedFd, BusError> {
+    let no_owner = || BusError::NoOwner {
+        site: instance.site_name.clone(),
+        run_dir: instance.run_dir.display().to_string(),
+    };
+    let pid = i32::try_from(instance.owner_pid).ok().and_then(Pid::from_raw);
+    let owner =
+        pidfd_open(pid.ok_or_else(no_owner)?, PidfdFlags::empty()).map_err(|_| no_owner())?;
+    // The process id may have been given to somebody else; the lock cannot.
+    let lock = File::open(instance.lock_file()).map_err(|_| no_owner())?;
+    match flock(&lock, FlockOperation::NonBlockingLockShared) {
+        Ok(()) => Err(no_owner()),
+        Err(_) => Ok(owner),
+    }
+}
+
+fn take_lock(site: &str, run_dir: &Path) -> Result<File, OwnerError> {
+    let path = run_dir.join("lock");
+    let io = |action| {
+        let path = path.clone();
+        move |source| OwnerError::Io { action, path, source }
+    };
+    loop {
+        make_private_dir(run_dir)?;
+        let opened =
+            File::options().read(true).write(true).create(true).truncate(false).open(&path);
+        let mut lock = match opened {
+            // The last owner removed the directory between our two calls.
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+            opened => opened.map_err(io("open"))?,
+        };
+        if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+            let mut pid = String::new();
+            let _ = (&lock).take(20).read_to_string(&mut pid);
+            let pid = pid.trim().to_owned();
+            let run_dir = run_dir.to_path_buf();
+            return Err(OwnerError::AlreadyRuns { site: site.to_owned(), pid, run_dir });
+        }
+        let ours = lock.metadata().map_err(io("examine"))?.ino();
+        // Between opening and locking, the last owner may have removed the file: then it is nobody's.
+        if fs::metadata(&path).is_ok_and(|there| there.ino() == ours) {
+            lock.set_len(0).map_err(io("write"))?;
+            lock.rewind().map_err(io("write"))?;
+            write!(lock, "{}", std::process::id()).map_err(io("write"))?;
+            return Ok(lock);
+        }
+    }
+}
+
+/// Removes everything of this instance but the lock. Only its owner may do so.
+fn wipe(instance: &Instance) {
+    let _ = fs::remove_dir_all(instance.iceoryx_root());
+    for entry in fs::read_dir(&instance.run_dir).into_iter().flatten().flatten() {
+        if entry.file_name() != "lock" {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+    for entry in fs::read_dir(SHARED_MEMORY_DIR).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        if name.as_encoded_bytes().starts_with(instance.prefix.as_bytes()) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// `tog_<16 hex digits>_`: of the run directory and the user, so that the next owner of the directory
+/// finds what a killed one left, and nobody else's. FNV-1a: two directories of a host that
+/// collide in 64 bits are not to be expected.
+fn prefix_of(run_dir: &Path) -> String {
+    let uid = rustix::process::getuid().as_raw().to_le_bytes();
+    let bytes = run_dir.as_os_str().as_encoded_bytes().iter().chain(&uid);
+    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, &byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    format!("tog_{hash:016x}_")
+}
+
+fn check_budget(needed: u64) -> Result<(), OwnerError> {
+    let Ok(found) = rustix::fs::statvfs(SHARED_MEMORY_DIR) else { return Ok(()) };
+    let free = found.f_bavail.saturating_mul(found.f_frsize);
+    if needed > free {
+        let (needed_mib, free_mib) = (needed.div_ceil(1 << 20), free >> 20);
+        return Err(OwnerError::SharedMemory { needed_mib, free_mib });
+    }
+    Ok(())
+}
+
+/// iceoryx2 loses messages in silence when descriptors run out (iceoryx2.md, section 1): about
+/// eight a topic and five a connection, so a large site passes the usual soft limit of 1024.
+pub(crate) fn raise_descriptor_limit() {
+    use rustix::process::{Resource, getrlimit, setrlimit};
+    let mut limit = getrlimit(Resource::Nofile);
+    limit.current = limit.maximum;
+    let _ = setrlimit(Resource::Nofile, limit); // not raised is noticed when they run out
+}
+
+fn iceoryx_config_text(instance: &Instance) -> String {
+    #[derive(serde::Serialize)]
+    struct Text {
+        global: Global,
+    }
+    #[derive(serde::Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    struct Global {
+        root_path: String,
+        prefix: String,
+        service: Service,
+        node: NodePart,
+    }
+    #[derive(serde::Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    struct Service {
+        cleanup_dead_nodes_on_open: bool,
+    }
+    #[derive(serde::Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    struct NodePart {
+        cleanup_dead_nodes_on_creation: bool,
+        cleanup_dead_nodes_on_destruction: bool,
+    }
+    let global = Global {
+        root_path: instance.iceoryx_root().display().to_string(),
+        prefix: instance.prefix.clone(),
+        service: Service { cleanup_dead_nodes_on_open: false },
+        node: NodePart {
+            cleanup_dead_nodes_on_creation: false,
+            cleanup_dead_nodes_on_destruction: false,
+        },
+    };
+    toml::to_string(&Text { global }).unwrap_or_default()
+}

@@ -1,0 +1,223 @@
+//! Pure: the services of shared memory that a site needs, how many ports each has, and how much
+//! memory that takes. The owner creates exactly this; workers find their limits here.
+
+use bytemuck::Pod;
+use protocol::site::Site;
+use protocol::topic::{self, Topic};
+use protocol::wire::Header;
+
+/// Layout of a topic's messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `ScanHeader` + `[f32]`.
+    Scan,
+    /// `FrameHeader` + `[u64]`.
+    Frame,
+    /// `ClassMapHeader` + `[u8]`.
+    Classes,
+    /// `CollapsedMapHeader` + `[u64]`.
+    Collapsed,
+    /// `BytesHeader` + `[u8]`: encoded messages.
+    Bytes,
+    /// `BytesHeader` + `[u64]`: how far a reader is, see [`crate::credit`].
+    Credit,
+}
+
+/// Size of one topic. `buffer` is per publisher and reader.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TopicPlan {
+    /// Name of the topic.
+    pub name: String,
+    /// Layout of its messages.
+    pub kind: Kind,
+    /// Processes that publish.
+    pub publishers: usize,
+    /// Readers whose memory is set aside: those of the plan and one more, a recorder or bridge.
+    pub readers: usize,
+    /// Messages that wait for a slow reader before the oldest is replaced.
+    pub buffer: usize,
+    /// Messages that a late reader still gets.
+    pub history: usize,
+    /// Longest payload, elements.
+    pub payload_len_max: usize,
+    /// Bytes of the longest message, header included.
+    pub message_bytes_max: usize,
+    /// Readers that a lossless publisher waits for; 0 if it waits for nobody.
+    pub required_readers: usize,
+}
+
+/// Messages that a reader holds at once: one in hand, and one kept while the next is looked at.
+pub const BORROWED_MAX: usize = 2;
+/// Messages that a publisher fills at once.
+pub const LOANS_MAX: usize = 1;
+/// Bytes that iceoryx2 puts before a message; rounded up.
+const SAMPLE_HEADER_BYTES: usize = 64;
+/// Registry, queues and event sets of one topic; measured below 100 kB for one of few ports.
+const OVERHEAD_BYTES: u64 = 128 << 10;
+
+/// 75 Hz through a stall of the reader of 0.8 s.
+const SCAN_BUFFER: usize = 64;
+/// 1.6 s of frames at 10 Hz, 0.2 s at 75 Hz: the mapper stalls only for a checkpoint's copy.
+const FRAME_BUFFER: usize = 16;
+/// Half of that: class maps are the largest messages of the hot path, and self-contained.
+const CLASSES_BUFFER: usize = 8;
+/// A burst of events while the journal waits for its disk; what overflows is sent again, because the
+/// anomaly services keep what is not acknowledged.
+const EVENT_BUFFER: usize = 256;
+/// Health is a state: of a burst only the newest matters. The buffer is per publisher.
+const HEALTH_BUFFER: usize = 4;
+/// An encoded event change: texts are at most 2000 bytes, ids a few hundred.
+const EVENT_BYTES_MAX: usize = 8 << 10;
+/// An encoded acknowledgement: an id and a number.
+const ACKNOWLEDGEMENT_BYTES_MAX: usize = 1 << 10;
+
+impl TopicPlan {
+    fn new<H: Header, E: Pod>(
+        kind: Kind,
+        topic: &Topic<H, E>,
+        publishers: usize,
+        readers: usize,
+    ) -> Self {
+        let payload_len_max = topic.payload_len_max();
+        Self {
+            name: topic.name().to_owned(),
+            kind,
+            publishers,
+            readers: readers + 1,
+            buffer: 2,
+            history: 0,
+            payload_len_max,
+            message_bytes_max: message_bytes::<H, E>(payload_len_max),
+            required_readers: 0,
+        }
+    }
+
+    fn at_most<H: Header, E: Pod>(mut self, _: &Topic<H, E>, payload_len_max: usize) -> Self {
+        self.payload_len_max = payload_len_max;
+        self.message_bytes_max = message_bytes::<H, E>(payload_len_max);
+        self
+    }
+
+    fn buffered(mut self, buffer: usize, history: usize) -> Self {
+        (self.buffer, self.history) = (buffer, history);
+        self
+    }
+
+    fn lossless_for(mut self, readers: usize) -> Self {
+        self.required_readers = readers;
+        self
+    }
+
+    /// Messages for which a publisher has memory.
+    #[must_use]
+    pub fn messages_per_publisher(&self) -> usize {
+        self.readers * (self.buffer + BORROWED_MAX) + self.history + LOANS_MAX
+    }
+
+    /// A lossless publisher is at most this far ahead of a reader: half the buffer, because a reader
+    /// that comes back finds up to one window of its predecessor's messages already sent to it.
+    #[must_use]
+    pub fn window(&self) -> u64 {
+        (self.buffer as u64 / 2).max(1)
+    }
+
+    /// Ports of publishers that may exist at once. A killed process keeps its port until the owner
+    /// has swept up, and a node that dies while it starts may keep it for good; slots are cheap.
+    #[must_use]
+    pub fn publisher_slots(&self) -> usize {
+        2 * self.publishers + 8
+    }
+
+    /// Ports of readers that may exist at once; see [`Self::publisher_slots`].
+    #[must_use]
+    pub fn reader_slots(&self) -> usize {
+        2 * self.readers + 8
+    }
+
+    /// Shared memory in the worst case, bytes: every publisher's segment full, and one of a killed
+    /// predecessor not yet swept up.
+    #[must_use]
+    pub fn bytes_max(&self) -> u64 {
+        let segment = self.messages_per_publisher() as u64 * self.message_bytes_max as u64;
+        (self.publishers as u64 + 1).saturating_mul(segment).saturating_add(OVERHEAD_BYTES)
+    }
+}
+
+fn message_bytes<H, E>(payload_len_max: usize) -> usize {
+    SAMPLE_HEADER_BYTES + size_of::<H>() + payload_len_max * size_of::<E>()
+}
+
+/// All topics of a site.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Plan {
+    /// One a topic.
+    pub topics: Vec<TopicPlan>,
+    /// Processes of the site.
+    pub processes: usize,
+}
+
+impl Plan {
+    /// The topics that the processes of `site` need.
+    #[must_use]
+    pub fn new(site: &Site) -> Self {
+        let mut topics = Vec::new();
+        let areas = site.areas.len();
+        for area in &site.areas {
+            let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
+            let (id, grid) = (&area.id, area.grid());
+            let scan = topic::scan(id);
+            topics.push(
+                TopicPlan::new(Kind::Scan, &scan, lasers, 1)
+                    .buffered(SCAN_BUFFER, 0)
+                    .lossless_for(1),
+            );
+            let frame = topic::frame(id, grid.plane_words());
+            topics.push(
+                TopicPlan::new(Kind::Frame, &frame, 1, 1).buffered(FRAME_BUFFER, 0).lossless_for(1),
+            );
+            let classes = topic::classes(id, grid.cells());
+            let plan = TopicPlan::new(Kind::Classes, &classes, 1, 1).buffered(CLASSES_BUFFER, 0);
+            topics.push(plan.lossless_for(1));
+            // A message holds one context, so a late reader gets one of each.
+            let contexts = area.contexts.len() + 1;
+            let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
+            topics.push(
+                TopicPlan::new(Kind::Collapsed, &collapsed, 1, 1)
+                    .buffered(contexts.max(2), contexts),
+            );
+        }
+        let event = topic::event();
+        let plan =
+            TopicPlan::new(Kind::Bytes, &event, areas + 1, 1).at_most(&event, EVENT_BYTES_MAX);
+        topics.push(plan.buffered(EVENT_BUFFER, 0));
+        // One acknowledgement an origin, so that each finds its own although others follow it.
+        let acknowledgement = topic::event_acknowledgement();
+        let plan = TopicPlan::new(Kind::Bytes, &acknowledgement, 1, areas + 1)
+            .at_most(&acknowledgement, ACKNOWLEDGEMENT_BYTES_MAX);
+        topics.push(plan.buffered(2 * (areas + 1) + 14, areas + 1));
+        let processes = 1 + 3 * areas + site.lasers.len();
+        let health =
+            TopicPlan::new(Kind::Bytes, &topic::health(), processes, 1).buffered(HEALTH_BUFFER, 0);
+        topics.push(health);
+        Self { topics, processes }
+    }
+
+    /// The plan of a topic.
+    #[must_use]
+    pub fn topic(&self, name: &str) -> Option<&TopicPlan> {
+        self.topics.iter().find(|topic| topic.name == name)
+    }
+
+    /// Nodes that a service must be able to know: every process, its predecessors that cannot be
+    /// swept up (iceoryx2.md, section 3: up to 110 in 400 kills), tools.
+    #[must_use]
+    pub fn node_slots(&self) -> usize {
+        2 * self.processes + 256
+    }
+
+    /// Shared memory in the worst case, bytes.
+    #[must_use]
+    pub fn bytes_max(&self) -> u64 {
+        self.topics.iter().map(TopicPlan::bytes_max).fold(0, u64::saturating_add)
+    }
+}
