@@ -26,6 +26,8 @@ from pathlib import Path
 import numpy as np
 from rosbags.highlevel import AnyReader
 
+import walk_bag
+
 UNKNOWN = 255
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 MAX_FRAMES = 5_000_000  # 5.8 days at 10 Hz; more than that means that a stamp is wrong
@@ -75,23 +77,28 @@ class Track:
             self.ranges_m.append(np.asarray(ranges_m, dtype=np.float64))
 
 
+def scans_of(path):
+    """(topic, message) of the scans, in the order in which the recorder received them."""
+    try:
+        with AnyReader([Path(path)]) as reader:
+            connections = [c for c in reader.connections if c.msgtype == LASER_SCAN]
+            return [
+                (connection.topic, reader.deserialize(raw, connection.msgtype))
+                for connection, _, raw in reader.messages(connections=connections)
+            ]
+    except AssertionError:  # rosbags asserts what the index should say
+        print(f"{path}: rosbags refuses the index; reading the records one by one")
+        return list(walk_bag.scans(path, LASER_SCAN))
+
+
 def read_bag(path):
-    """Tracks by topic, in the order in which the recorder received the scans."""
+    """Tracks by topic."""
     tracks = {}
-    with AnyReader([Path(path)]) as reader:
-        connections = [c for c in reader.connections if c.msgtype == LASER_SCAN]
-        for connection, _, raw in reader.messages(connections=connections):
-            scan = reader.deserialize(raw, connection.msgtype)
-            stamp_ns = scan.header.stamp.sec * 1_000_000_000 + scan.header.stamp.nanosec
-            geometry = (
-                float(scan.angle_min),
-                float(scan.angle_increment),
-                len(scan.ranges),
-                float(scan.range_min),
-                float(scan.range_max),
-            )
-            track = tracks.setdefault(connection.topic, Track())
-            track.offer(stamp_ns, geometry, scan.ranges)
+    for topic, scan in scans_of(path):
+        stamp_ns = scan.header.stamp.sec * 1_000_000_000 + scan.header.stamp.nanosec
+        angles = (float(scan.angle_min), float(scan.angle_increment))
+        geometry = (*angles, len(scan.ranges), float(scan.range_min), float(scan.range_max))
+        tracks.setdefault(topic, Track()).offer(stamp_ns, geometry, scan.ranges)
     if not tracks:
         raise CannotCompare(f"{path}: no message of type {LASER_SCAN} in it")
     return tracks

@@ -18,6 +18,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 import oracle
+import walk_bag
 
 ECHO_CODES = (math.nan, math.inf, -math.inf, 0.0, 0.05, 3.0, 3.5, 9.0)
 NS = 1_000_000_000
@@ -223,6 +224,20 @@ def agrees(tracks, out):
     return verdict, printed.getvalue()
 
 
+def same_scans(bag):
+    """Whether rosbags and walk_bag read the same from a bag."""
+
+    def plain(scan):
+        topic, m = scan
+        return topic, m.header.seq, m.header.stamp.sec, m.header.stamp.nanosec, m.ranges.tobytes()
+
+    walked = [plain(s) for s in walk_bag.scans(bag, oracle.LASER_SCAN)]
+    read = [plain(s) for s in oracle.scans_of(bag)]
+    if walked != read or not read:
+        print(f"{bag}: walk_bag reads {len(walked)} scans, rosbags {len(read)}: NOT THE SAME")
+    return walked == read and bool(read)
+
+
 def damage(out, name, change):
     """Replaces an array by a changed copy; returns a function that puts the old one back."""
     old = np.load(out / name)
@@ -261,6 +276,7 @@ def main(seeds=12):
             bag, grid = random_case(seed, Path(folder))
             tracks = oracle.read_bag(bag)
             topics = oracle.match_lasers(grid["lasers"], tracks)
+            failed += not same_scans(bag)
             write_literal(out, grid, tracks, topics)
             verdict, text = agrees(tracks, out)
             classes_seen |= set(np.unique(np.load(out / "classes.npy")).tolist())
