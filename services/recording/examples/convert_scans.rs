@@ -11,12 +11,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut topics = std::collections::BTreeMap::new();
     for item in Recording::open(from)?.scans() {
         let found = item?;
-        if !topics.contains_key(&found.topic_index) {
-            let (topic, frame_id) = (found.topic.to_string(), "laser".to_owned());
-            let number = writer.add_topic(ScanTopic { topic, frame_id, scan_time_s: 0.0 })?;
-            topics.insert(found.topic_index, number);
-        }
-        writer.write(topics[&found.topic_index], found.log_time_ns, &found.scan.view())?;
+        let number = match topics.get(&found.topic_index) {
+            Some(number) => *number,
+            None => {
+                let (topic, frame_id) = (found.topic.to_string(), "laser".to_owned());
+                let number = writer.add_topic(ScanTopic { topic, frame_id, scan_time_s: 0.0 })?;
+                topics.insert(found.topic_index, number);
+                number
+            }
+        };
+        writer.write(number, found.log_time_ns, &found.scan.view())?;
     }
     writer.finish()?;
     Ok(())

@@ -63,6 +63,47 @@ impl Recording {
         self.length
     }
 
+    /// Picks the topic of one laser: the one that is named, or the only one with scans. A named topic
+    /// is looked for up to its first message; without a name the whole file is looked through.
+    ///
+    /// # Errors
+    /// No scans at all, no such topic, or several and none was named; the error lists what is there. A
+    /// cut or damaged recording is an error only if nothing was found before.
+    pub fn select_topic(&self, name: Option<&str>) -> Result<Arc<str>, RecordingError> {
+        let mut scans = self.scans();
+        let mut found: Vec<Arc<str>> = Vec::new();
+        let mut early_end = None;
+        while let Some(item) = scans.read_raw().transpose() {
+            match item {
+                Ok((topic_index, _)) => {
+                    let topic = &scans.channels.scan_topics[topic_index];
+                    if name == Some(&**topic) {
+                        return Ok(topic.clone());
+                    }
+                    if !found.contains(topic) {
+                        found.push(topic.clone());
+                    }
+                }
+                Err(error) => {
+                    early_end = Some(error);
+                    break;
+                }
+            }
+        }
+        let path = self.path.clone();
+        match (name, &found[..]) {
+            (_, []) => Err(early_end.unwrap_or_else(|| scans.no_scans())),
+            (None, [only]) => Ok(only.clone()),
+            (None, several) => {
+                Err(RecordingError::SeveralTopics { path, topics: several.join(", ") })
+            }
+            (Some(name), others) => {
+                let (topic, topics) = (name.to_owned(), others.join(", "));
+                Err(RecordingError::NoSuchTopic { path, topic, topics })
+            }
+        }
+    }
+
     /// The scans in the order of the file, from the first; memory is one message and one buffer.
     #[must_use]
     pub fn scans(&self) -> Scans {
@@ -75,10 +116,17 @@ impl Recording {
             reader,
             channels: Channels::default(),
             raw: Raw::default(),
+            only: None,
             messages: Vec::new(),
             delivered: 0,
             is_over: false,
         }
+    }
+
+    /// The scans of one topic; those of the others are passed without a look.
+    #[must_use]
+    pub fn scans_of(&self, topic: &str) -> Scans {
+        Scans { only: Some(topic.into()), ..self.scans() }
     }
 }
 
@@ -109,6 +157,8 @@ pub struct Scans {
     reader: Reader,
     channels: Channels,
     raw: Raw,
+    /// Deliver this topic only.
+    only: Option<Arc<str>>,
     /// Messages so far, per scan topic.
     messages: Vec<u64>,
     delivered: u64,
@@ -156,26 +206,28 @@ impl Scans {
         RecordingError::NoScans { path: self.path.clone(), found }
     }
 
-    fn read(&mut self) -> Result<Option<RecordedScan>, RecordingError> {
+    /// The next message of a scan topic, left in `raw`: index of its topic and its encoding.
+    fn read_raw(&mut self) -> Result<Option<(usize, Wire)>, RecordingError> {
         let next = match &mut self.reader {
             Reader::Bag(reader) => reader
                 .next(&mut self.channels, &mut self.raw)
                 .map(|topic| topic.map(|topic| (topic, Wire::Ros1))),
             Reader::Mcap(reader) => reader.next(&mut self.channels, &mut self.raw),
         };
-        let (topic_index, wire) = match next {
-            Ok(Some(found)) => found,
-            Ok(None) => {
-                self.is_over = true;
-                return Ok(None);
-            }
-            Err(end) => {
-                self.is_over = true;
-                return Err(self.end(end));
+        self.is_over = !matches!(next, Ok(Some(_)));
+        next.map_err(|end| self.end(end))
+    }
+
+    fn read(&mut self) -> Result<Option<RecordedScan>, RecordingError> {
+        let (topic_index, wire) = loop {
+            let Some((topic_index, wire)) = self.read_raw()? else { return Ok(None) };
+            self.messages.resize(self.channels.scan_topics.len(), 0);
+            self.messages[topic_index] += 1;
+            let topic = &self.channels.scan_topics[topic_index];
+            if self.only.as_ref().is_none_or(|only| only == topic) {
+                break (topic_index, wire);
             }
         };
-        self.messages.resize(self.channels.scan_topics.len(), 0);
-        self.messages[topic_index] += 1;
         let number = self.messages[topic_index];
         let topic = self.channels.scan_topics[topic_index].clone();
         let log_time_ns = self.raw.log_time_ns;

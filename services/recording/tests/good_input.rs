@@ -134,6 +134,24 @@ fn several_topics_must_be_named() {
     assert!(error.contains("no scans on topic /scan"), "{error}");
 }
 
+#[test]
+fn a_laser_finds_its_own_topic() {
+    let Some(path) = shared("tysik_two_laser/scans_demo.bag") else { return };
+    let recording = Recording::open(path).unwrap();
+    assert_eq!(&*recording.select_topic(Some("/rear_scan")).unwrap(), "/rear_scan");
+    let error = recording.select_topic(None).unwrap_err();
+    assert!(matches!(error, RecordingError::SeveralTopics { .. }), "{error}");
+    let error = recording.select_topic(Some("/other")).unwrap_err();
+    assert!(matches!(error, RecordingError::NoSuchTopic { .. }), "{error}");
+    let rear: Vec<_> = recording.scans_of("/rear_scan").map(Result::unwrap).collect();
+    assert_eq!(rear.len(), 330);
+    let all = recording.scans().map(Result::unwrap);
+    let of_rear = all.filter(|found| &*found.topic == "/rear_scan");
+    assert!(
+        of_rear.zip(&rear).all(|(a, b)| (a.number, a.scan.stamp_ns) == (b.number, b.scan.stamp_ns))
+    );
+}
+
 const GEOMETRY: ScanGeometry = ScanGeometry {
     angle_min_rad: -0.1,
     angle_increment_rad: 0.1,
