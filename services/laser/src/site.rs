@@ -32,7 +32,7 @@ pub fn open_source(laser: &Laser, base_dir: &Path, begin_ns: u64) -> Result<Sour
     match &laser.source {
         site::Source::Replay { recording, topic, .. } => {
             let replay = ReplaySource::open(&base_dir.join(recording), topic.as_deref())?;
-            Ok(Source::Replay(replay.beginning_at(begin_ns)))
+            Ok(Source::Replay(Box::new(replay.beginning_at(begin_ns))))
         }
         site::Source::Simulator { scene, seed, rate_hz } => {
             let scene = load_scene(scene, base_dir)?;

@@ -77,7 +77,7 @@ pub struct Oddity {
 /// The scans of one laser.
 pub enum Source {
     /// A recording.
-    Replay(ReplaySource),
+    Replay(Box<ReplaySource>),
     /// An imagined building.
     Simulator(Box<SimulatorSource>),
 }

@@ -38,13 +38,13 @@ fn recorded(directory: &Path, scans: &[(&str, u64, usize)]) -> PathBuf {
     let path = directory.join("recording.mcap");
     let mut writer = ScanWriter::create(&path).unwrap();
     let mut topics: Vec<&str> = Vec::new();
-    for (number, (topic, stamp_ns, beams)) in scans.iter().enumerate() {
+    for (topic, stamp_ns, beams) in scans {
         let index = topics.iter().position(|known| known == topic).unwrap_or_else(|| {
             topics.push(topic);
             let (topic, frame_id) = ((*topic).to_owned(), "laser".to_owned());
             writer.add_topic(ScanTopic { topic, frame_id, scan_time_s: 0.0 }).unwrap()
         });
-        writer.write(index, number as u64, &scan(*stamp_ns, *beams).view()).unwrap();
+        writer.write(index, *stamp_ns, &scan(*stamp_ns, *beams).view()).unwrap();
     }
     writer.finish().unwrap();
     path
