@@ -27,11 +27,19 @@
 //! `acknowledged` by an operator, and retention: rows are small (1 kB) and events rare, nothing is
 //! ever deleted.
 
+pub mod feed;
 pub mod intake;
 pub mod journal;
 pub mod keeper;
+pub mod list;
+mod run;
 #[cfg(test)]
 mod testing;
+pub mod watch;
+pub mod words;
 
 pub use journal::{Entry, Filter, JOURNAL_FILE, Journal, JournalError};
 pub use keeper::{Keeper, Now, Report};
+pub use list::{Format, ListError, ListOptions, list};
+pub use run::run;
+pub use watch::{WatchError, WatchOptions, watch};

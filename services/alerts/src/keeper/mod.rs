@@ -39,7 +39,7 @@ pub struct Report {
     pub told: Vec<(EventChange, bool)>,
     /// Acknowledgements to publish.
     pub acknowledgements: Vec<EventAcknowledgement>,
-    /// What an operator must know: one sentence each.
+    /// What an operator must know and no fault says: one sentence each.
     pub warnings: Vec<String>,
     /// Whether the faults are others than before.
     pub faults_changed: bool,
@@ -73,6 +73,18 @@ pub struct Pending {
     pub received_ns: u64,
     /// The change.
     pub change: EventChange,
+}
+
+impl Pending {
+    /// A line of the feed: the change with `"journaled":false` and without a `journal_id`.
+    #[must_use]
+    pub fn line(&self) -> String {
+        // A change is plain data: it always has a JSON form.
+        let json = serde_json::to_string(&self.change).unwrap_or_default();
+        let fields = json.strip_prefix('{').unwrap_or("}");
+        let received_ns = self.received_ns;
+        format!("{{\"journal_id\":null,\"journaled\":false,\"received_ns\":{received_ns},{fields}")
+    }
 }
 
 /// The disk cannot be written.
@@ -151,43 +163,49 @@ impl Keeper {
         Ok((keeper, report))
     }
 
-    /// Takes a change from outside.
-    pub fn offer(&mut self, change: EventChange, now: Now) -> Report {
+    /// Takes changes from outside, as they came; what is in order is one transaction.
+    pub fn offer(&mut self, changes: Vec<EventChange>, now: Now) -> Report {
         let mut report = Report::default();
-        if let Err(reason) = self.has_room_for(&change) {
-            self.counters.changes_refused += 1;
-            report.warnings.push(reason);
-            return report;
-        }
-        self.counters.changes_in += 1;
-        self.meet(&change, now, &mut report);
-        let origin = change.origin.clone();
-        match self.intake.offer(change, now.mono_ns) {
-            Offered::Ready(changes) => self.store(changes, now, &mut report),
-            Offered::Held(is_new_hole) => {
-                if is_new_hole {
-                    self.acknowledge(&origin, &mut report);
+        let mut ready = Vec::new();
+        for change in changes {
+            if let Err(reason) = self.has_room_for(&change, ready.len()) {
+                self.counters.changes_refused += 1;
+                report.warnings.push(reason);
+                continue;
+            }
+            self.counters.changes_in += 1;
+            self.meet(&change, now, &mut report);
+            let origin = change.origin.clone();
+            match self.intake.offer(change, now.mono_ns) {
+                Offered::Ready(changes) => ready.extend(changes),
+                // The origin learns what is missing.
+                Offered::Held(true) => self.acknowledge(&origin, &mut report),
+                Offered::Held(false) => {}
+                Offered::Before(change) => {
+                    // A double of one that is ready must find it on disk.
+                    self.store(std::mem::take(&mut ready), now, &mut report);
+                    self.store_again(*change, now, &mut report);
+                }
+                Offered::TooManyOrigins => {
+                    self.counters.changes_refused += 1;
+                    report.warnings.push(format!(
+                        "refused a change of {origin:?}: there are {} origins already",
+                        crate::intake::ORIGINS_MAX
+                    ));
                 }
             }
-            Offered::Before(change) => self.store_again(*change, now, &mut report),
-            Offered::TooManyOrigins => {
-                self.counters.changes_refused += 1;
-                report.warnings.push(format!(
-                    "refused a change of {origin:?}: there are {} origins already",
-                    crate::intake::ORIGINS_MAX
-                ));
-            }
         }
+        self.store(ready, now, &mut report);
         self.settle(now, &mut report);
         report
     }
 
-    fn has_room_for(&self, change: &EventChange) -> Result<(), String> {
+    fn has_room_for(&self, change: &EventChange, ready: usize) -> Result<(), String> {
         check(change).map_err(|reason| format!("refused a change: {reason}"))?;
         if change.origin == ORIGIN {
             return Err(format!("refused a change: {ORIGIN} is the origin of the journal itself"));
         }
-        if self.backlog.len() >= BACKLOG_MAX {
+        if self.backlog.len() + ready >= BACKLOG_MAX {
             return Err(format!(
                 "the journal cannot be written and the backlog of {BACKLOG_MAX} changes is full: \
                  change {} of {} is left with its origin: {}",
@@ -223,6 +241,14 @@ impl Keeper {
     pub fn faults(&self) -> Vec<Fault> {
         let trouble = self.trouble.as_ref().map(|trouble| trouble.fault.clone());
         trouble.into_iter().chain(self.reused.clone()).collect()
+    }
+
+    /// What `origin` may forget; none if the journal does not know it, or cannot be read.
+    #[must_use]
+    pub fn acknowledgement(&self, origin: &str) -> Option<EventAcknowledgement> {
+        self.intake.next_of(origin)?;
+        let sequence = self.journal.as_ref()?.highest_contiguous(origin).ok()?;
+        Some(EventAcknowledgement { origin: origin.to_owned(), sequence })
     }
 
     /// Totals since the start.
@@ -265,10 +291,12 @@ impl Keeper {
         self.backlog.iter().skip_while(move |pending| pending.number <= number)
     }
 
-    /// The journal could not be read on behalf of the feed: says so, and mends what can be mended.
-    pub fn read_failed(&mut self, error: &JournalError, now: Now) -> Report {
+    /// The feed met damage while it read: sets the journal aside and begins a new one.
+    pub fn read_damage(&mut self, detail: String, now: Now) -> Report {
         let mut report = Report::default();
-        self.fail(error, now, &mut report);
+        if let Err(error) = self.begin_anew(detail, now, &mut report) {
+            self.fail(&error, now, &mut report);
+        }
         self.settle(now, &mut report);
         report
     }

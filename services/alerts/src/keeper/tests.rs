@@ -35,10 +35,10 @@ fn a_change_is_told_and_acknowledged_when_it_is_on_disk() {
     let directory = tempfile::tempdir().unwrap();
     let (mut keeper, report) = open(&directory);
     assert_eq!(acknowledged(&report), []);
-    let report = keeper.offer(change("foyer", 1), now(1));
+    let report = keeper.offer(vec![change("foyer", 1)], now(1));
     assert_eq!(told(&report), [("foyer", 1, true)]);
     assert_eq!(acknowledged(&report), [("foyer", 1)]);
-    let report = keeper.offer(change("foyer", 1), now(2));
+    let report = keeper.offer(vec![change("foyer", 1)], now(2));
     assert_eq!(told(&report), []);
     assert_eq!(acknowledged(&report), [("foyer", 1)], "its origin missed the acknowledgement");
     drop(keeper);
@@ -51,7 +51,7 @@ fn a_change_is_told_and_acknowledged_when_it_is_on_disk() {
 fn a_hole_asks_the_origin_again_and_is_given_up_loudly() {
     let directory = tempfile::tempdir().unwrap();
     let (mut keeper, _) = open(&directory);
-    let report = keeper.offer(change("foyer", 3), now(1));
+    let report = keeper.offer(vec![change("foyer", 3)], now(1));
     assert_eq!((told(&report), acknowledged(&report)), (vec![], vec![("foyer", 0)]));
     assert_eq!(keeper.deadline_ns(), Some(SECOND_NS + GAP_WAIT_NS));
     let report = keeper.tick(now(6));
@@ -60,7 +60,7 @@ fn a_hole_asks_the_origin_again_and_is_given_up_loudly() {
         (told(&report), acknowledged(&report)),
         (vec![("foyer", 3, true)], vec![("foyer", 3)])
     );
-    let report = keeper.offer(change("foyer", 2), now(7));
+    let report = keeper.offer(vec![change("foyer", 2)], now(7));
     assert_eq!(told(&report), [("foyer", 2, true)], "it came after all");
 }
 
@@ -68,12 +68,12 @@ fn a_hole_asks_the_origin_again_and_is_given_up_loudly() {
 fn while_the_disk_is_full_people_are_told_and_origins_are_not_acknowledged() {
     let directory = tempfile::tempdir().unwrap();
     let (mut keeper, _) = open(&directory);
-    keeper.offer(change("foyer", 1), now(1));
+    keeper.offer(vec![change("foyer", 1)], now(1));
     keeper.journal.as_ref().unwrap().set_pages_max(1).unwrap();
     let mut sequence = 1;
     let report = loop {
         sequence += 1;
-        let report = keeper.offer(change("foyer", sequence), now(2));
+        let report = keeper.offer(vec![change("foyer", sequence)], now(2));
         if report.faults_changed {
             break report;
         }
@@ -81,10 +81,11 @@ fn while_the_disk_is_full_people_are_told_and_origins_are_not_acknowledged() {
     assert_eq!(told(&report), [("foyer", sequence, false), (ORIGIN, 1, false)]);
     assert_eq!(report.told[1].0.kind, EventKind::StorageFault);
     assert_eq!(acknowledged(&report), []);
-    assert!(report.warnings[0].contains("full"), "{:?}", report.warnings);
-    assert_eq!(keeper.faults()[0].code, "journal_unwritable");
+    let fault = &keeper.faults()[0];
+    assert_eq!(fault.code, "journal_unwritable");
+    assert!(fault.text.contains("full"), "{}", fault.text);
 
-    let report = keeper.offer(change("foyer", sequence + 1), now(2));
+    let report = keeper.offer(vec![change("foyer", sequence + 1)], now(2));
     assert_eq!(told(&report), [("foyer", sequence + 1, false)]);
     assert_eq!(report.warnings, [String::new(); 0], "said once");
     assert_eq!(keeper.deadline_ns(), Some(3 * SECOND_NS));
@@ -119,7 +120,7 @@ fn a_full_backlog_refuses_and_the_origin_keeps_what_was_refused() {
     let mut sequence = 0;
     let report = loop {
         sequence += 1;
-        let report = keeper.offer(change("foyer", sequence), now(1));
+        let report = keeper.offer(vec![change("foyer", sequence)], now(1));
         if keeper.counters().changes_refused > 0 {
             break report;
         }
@@ -129,7 +130,10 @@ fn a_full_backlog_refuses_and_the_origin_keeps_what_was_refused() {
     keeper.journal.as_ref().unwrap().set_pages_max(100_000).unwrap();
     let report = keeper.tick(now(2));
     assert_eq!(acknowledged(&report), [("foyer", sequence - 1)], "so it sends the rest");
-    assert_eq!(told(&keeper.offer(change("foyer", sequence), now(3))), [("foyer", sequence, true)]);
+    assert_eq!(
+        told(&keeper.offer(vec![change("foyer", sequence)], now(3))),
+        [("foyer", sequence, true)]
+    );
 }
 
 #[test]
@@ -138,8 +142,9 @@ fn a_directory_that_cannot_be_written_at_the_start_does_not_stop_the_feed() {
     let path = directory.path().join("state").join(JOURNAL_FILE);
     std::fs::write(directory.path().join("state"), "in the way").unwrap();
     let (mut keeper, report) = Keeper::open(&path, now(0)).unwrap();
-    assert!(report.faults_changed && report.warnings.len() == 1);
-    let report = keeper.offer(change("foyer", 501), now(0));
+    assert!(report.faults_changed);
+    assert!(keeper.faults()[0].text.contains("cannot be used"), "{:?}", keeper.faults());
+    let report = keeper.offer(vec![change("foyer", 501)], now(0));
     assert_eq!((told(&report), acknowledged(&report)), (vec![("foyer", 501, false)], vec![]));
 
     std::fs::remove_file(directory.path().join("state")).unwrap();
@@ -156,7 +161,7 @@ fn damage_at_the_start_is_said_and_the_next_change_is_taken_at_once() {
     let (mut keeper, report) = open(&directory);
     assert!(report.warnings[0].contains("damaged-2026"), "{:?}", report.warnings);
     assert_eq!(told(&report), [(ORIGIN, 1, true), (ORIGIN, 2, true)]);
-    let report = keeper.offer(change("foyer", 501), now(1));
+    let report = keeper.offer(vec![change("foyer", 501)], now(1));
     assert_eq!(
         (told(&report), acknowledged(&report)),
         (vec![("foyer", 501, true)], vec![("foyer", 501)])
@@ -169,7 +174,7 @@ fn damage_while_running_loses_no_change_that_comes_then() {
     let path = directory.path().join(JOURNAL_FILE);
     let (mut keeper, _) = open(&directory);
     for sequence in 1..300 {
-        keeper.offer(change("foyer", sequence), now(1));
+        keeper.offer(vec![change("foyer", sequence)], now(1));
     }
     drop(keeper);
     let (mut keeper, _) = open(&directory);
@@ -181,7 +186,7 @@ fn damage_while_running_loses_no_change_that_comes_then() {
     let length = file.metadata().unwrap().len();
     std::os::unix::fs::FileExt::write_all_at(&file, &vec![0x77; length as usize - 4096], 4096)
         .unwrap();
-    let report = keeper.offer(change("foyer", 300), now(2));
+    let report = keeper.offer(vec![change("foyer", 300)], now(2));
     let told = told(&report);
     assert_eq!(told, [("foyer", 300, true), (ORIGIN, 1, true), (ORIGIN, 2, true)]);
     assert_eq!(acknowledged(&report), [("foyer", 300)]);
@@ -193,10 +198,10 @@ fn damage_while_running_loses_no_change_that_comes_then() {
 fn a_number_with_another_content_is_a_fault_and_is_said_in_full() {
     let directory = tempfile::tempdir().unwrap();
     let (mut keeper, _) = open(&directory);
-    keeper.offer(change("foyer", 1), now(1));
+    keeper.offer(vec![change("foyer", 1)], now(1));
     let mut other = change("foyer", 1);
     other.text = "a crowd of 7".to_owned();
-    let report = keeper.offer(other, now(1));
+    let report = keeper.offer(vec![other], now(1));
     assert!(report.warnings[0].contains("a crowd of 7"), "{:?}", report.warnings);
     assert_eq!(keeper.faults()[0].code, "sequence_reused");
 }
@@ -205,8 +210,19 @@ fn a_number_with_another_content_is_a_fault_and_is_said_in_full() {
 fn what_breaks_a_bound_is_refused_and_counted() {
     let directory = tempfile::tempdir().unwrap();
     let (mut keeper, _) = open(&directory);
-    let report = keeper.offer(change("foyer", 0), now(1));
+    let report = keeper.offer(vec![change("foyer", 0)], now(1));
     assert!(report.warnings[0].contains("sequence 0"), "{:?}", report.warnings);
-    assert_eq!(told(&keeper.offer(change(ORIGIN, 1), now(1))), []);
+    assert_eq!(told(&keeper.offer(vec![change(ORIGIN, 1)], now(1))), []);
     assert_eq!(keeper.counters().changes_refused, 2);
+}
+
+#[test]
+fn a_burst_is_journaled_in_order_whatever_is_in_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut keeper, _) = open(&directory);
+    let burst = [1, 3, 2, 2, 5, 4, 1].map(|sequence| change("foyer", sequence)).to_vec();
+    let report = keeper.offer(burst, now(1));
+    assert_eq!(told(&report).iter().map(|told| told.1).collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
+    assert_eq!(keeper.counters().changes_duplicate, 2);
+    assert_eq!(acknowledged(&report).last(), Some(&("foyer", 5)));
 }

@@ -200,7 +200,7 @@ impl Keeper {
         }
     }
 
-    fn begin_anew(
+    pub(super) fn begin_anew(
         &mut self,
         detail: String,
         now: Now,
@@ -247,14 +247,10 @@ impl Keeper {
         if let Some(trouble) = &mut self.trouble {
             trouble.wait_ns = (trouble.wait_ns * 2).min(RETRY_LONGEST_NS);
             trouble.retry_at_ns = now.mono_ns.saturating_add(trouble.wait_ns);
-            if trouble.fault.text != text {
-                report.warnings.push(text.clone());
-                report.faults_changed = true;
-                trouble.fault.text = text;
-            }
+            report.faults_changed |= trouble.fault.text != text;
+            trouble.fault.text = text;
             return;
         }
-        report.warnings.push(text.clone());
         report.faults_changed = true;
         let is_raised = self.journal.is_some();
         if is_raised {
