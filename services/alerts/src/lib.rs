@@ -31,6 +31,7 @@ pub mod feed;
 pub mod intake;
 pub mod journal;
 pub mod keeper;
+mod latency;
 pub mod list;
 mod run;
 #[cfg(test)]
@@ -38,6 +39,7 @@ mod testing;
 pub mod watch;
 pub mod words;
 
+pub use feed::SOCKET_FILE;
 pub use journal::{Entry, Filter, JOURNAL_FILE, Journal, JournalError};
 pub use keeper::{Keeper, Now, Report};
 pub use list::{Format, ListError, ListOptions, list};

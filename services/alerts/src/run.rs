@@ -4,12 +4,14 @@
 use crate::feed::FeedSocket;
 use crate::journal::{JOURNAL_FILE, JournalError};
 use crate::keeper::{Keeper, Now, Report};
+use crate::latency::Latencies;
 use crate::words;
 use jiff::tz::TimeZone;
 use process::{Failure, Publisher, Subscriber, Worker, monotonic_ns, wall_ns};
 use protocol::codec;
-use protocol::event::{EventAcknowledgement, EventChange};
+use protocol::event::{EventAcknowledgement, EventChange, EventHeader};
 use protocol::health::ServiceState;
+use protocol::time::MILLISECOND_NS;
 use protocol::topic;
 use protocol::wire::BytesHeader;
 use std::collections::BTreeMap;
@@ -36,6 +38,7 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         keeper,
         feed: FeedSocket::bind(&worker.instance.run_dir, &worker.events).map_err(failed)?,
         changes: worker.bus.subscriber(&topic::event())?,
+        latencies: Latencies::default(),
         acknowledgements: worker.bus.publisher(&topic::event_acknowledgement(), 0)?,
         garbage: 0,
     };
@@ -58,7 +61,8 @@ struct Service {
     zone: TimeZone,
     keeper: Keeper,
     feed: FeedSocket,
-    changes: Subscriber<BytesHeader, u8>,
+    changes: Subscriber<EventHeader, u8>,
+    latencies: Latencies,
     acknowledgements: Publisher<BytesHeader, u8>,
     garbage: u64,
 }
@@ -76,7 +80,11 @@ impl Service {
                 continue;
             }
             match codec::decode::<EventChange>(sample.payload()) {
-                Ok(change) => batch.push(change),
+                Ok(change) => {
+                    let completed_by_mono_ns = sample.header().completed_by_mono_ns;
+                    self.latencies.observe(completed_by_mono_ns, monotonic_ns());
+                    batch.push(change);
+                }
                 Err(error) => {
                     self.garbage += 1;
                     // The first, and then ever more rarely: a mad publisher does not fill the log.
@@ -90,6 +98,11 @@ impl Service {
         if !batch.is_empty() {
             let report = self.keeper.offer(batch, now());
             self.handle(report, worker);
+            for (name, share) in [("event_latency_p50_ms", 0.5), ("event_latency_p99_ms", 0.99)] {
+                if let Some(latency_ns) = self.latencies.percentile_ns(share) {
+                    worker.health.gauge(name, latency_ns as f64 / MILLISECOND_NS as f64);
+                }
+            }
         }
         Ok(taken > 0)
     }

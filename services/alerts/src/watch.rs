@@ -82,10 +82,10 @@ pub fn watch(
     loop {
         match session(&mut watcher, stream, events, out, notes)? {
             Ended::Stopped => return Ok(()),
-            Ended::Lost(reason) if watcher.cursor.is_none() => {
+            Ended::Refused(reason) if watcher.cursor.is_none() => {
                 return Err(WatchError::Refused { reason });
             }
-            Ended::Lost(reason) => {
+            Ended::Lost(reason) | Ended::Refused(reason) => {
                 writeln!(notes, "the feed is interrupted ({reason}); waiting for it")?;
             }
         }
@@ -101,9 +101,13 @@ pub fn watch(
     }
 }
 
+#[derive(Debug, PartialEq, Eq)]
 enum Ended {
     Stopped,
+    /// The connection broke.
     Lost(String),
+    /// The service closed it, in its own words.
+    Refused(String),
 }
 
 fn session(
@@ -125,7 +129,7 @@ fn session(
     let ended = loop {
         let mut bytes = [0; 16 * 1024];
         match stream.read(&mut bytes) {
-            Ok(0) => break Ended::Lost(watcher.reason()),
+            Ok(0) => break watcher.end(),
             Ok(length) => {
                 watcher.take(&bytes[..length]);
                 if !write_all(watcher, out, notes)? {
@@ -143,7 +147,7 @@ fn session(
                 while events.next_ready().is_some() {}
             }
             // A service that closes without having read us resets the connection: its words count.
-            Err(_) => break Ended::Lost(watcher.reason()),
+            Err(_) => break watcher.end(),
         }
     };
     events.unwatch(token, &stream)?;
@@ -234,8 +238,11 @@ impl Watcher {
         serde_json::json!({ "after": self.cursor.or(self.wanted) }).to_string() + "\n"
     }
 
-    fn reason(&mut self) -> String {
-        self.closing.take().unwrap_or_else(|| "the service is gone".to_owned())
+    fn end(&mut self) -> Ended {
+        match self.closing.take() {
+            Some(reason) => Ended::Refused(reason),
+            None => Ended::Lost("the service is gone".to_owned()),
+        }
     }
 
     fn take(&mut self, bytes: &[u8]) {

@@ -14,6 +14,7 @@ use crate::ports::{BusError, Element};
 use iceoryx2::prelude::{
     Config, FilePath, Node, NodeBuilder, SemanticString, SignalHandlingMode, ipc,
 };
+use protocol::event::EventHeader;
 use protocol::frame::FrameHeader;
 use protocol::grid::{ClassMapHeader, CollapsedMapHeader};
 use protocol::scan::ScanHeader;
@@ -246,6 +247,7 @@ fn create(
         Kind::Classes => boxed::<ClassMapHeader, u8>(node, topic, node_slots),
         Kind::Collapsed => boxed::<CollapsedMapHeader, u64>(node, topic, node_slots),
         Kind::Bytes => boxed::<BytesHeader, u8>(node, topic, node_slots),
+        Kind::Event => boxed::<EventHeader, u8>(node, topic, node_slots),
         Kind::Credit => boxed::<BytesHeader, u64>(node, topic, node_slots),
     }
 }

@@ -19,6 +19,8 @@ pub enum Kind {
     Collapsed,
     /// `BytesHeader` + `[u8]`: encoded messages.
     Bytes,
+    /// `EventHeader` + `[u8]`: encoded event changes.
+    Event,
     /// `BytesHeader` + `[u64]`: how far a reader is, see [`crate::credit`].
     Credit,
 }
@@ -188,7 +190,7 @@ impl Plan {
         }
         let event = topic::event();
         let plan =
-            TopicPlan::new(Kind::Bytes, &event, areas + 1, 1).at_most(&event, EVENT_BYTES_MAX);
+            TopicPlan::new(Kind::Event, &event, areas + 1, 1).at_most(&event, EVENT_BYTES_MAX);
         topics.push(plan.buffered(EVENT_BUFFER, 0));
         // One acknowledgement an origin, so that each finds its own although others follow it.
         let acknowledgement = topic::event_acknowledgement();

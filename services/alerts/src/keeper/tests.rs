@@ -87,7 +87,7 @@ fn while_the_disk_is_full_people_are_told_and_origins_are_not_acknowledged() {
 
     let report = keeper.offer(vec![change("foyer", sequence + 1)], now(2));
     assert_eq!(told(&report), [("foyer", sequence + 1, false)]);
-    assert_eq!(report.warnings, [String::new(); 0], "said once");
+    assert!(report.warnings.is_empty() && !report.faults_changed, "said once");
     assert_eq!(keeper.deadline_ns(), Some(3 * SECOND_NS));
     assert_eq!(told(&keeper.tick(now(3))), [], "still full");
     assert_eq!(keeper.deadline_ns(), Some(5 * SECOND_NS), "tried again, later each time");

@@ -75,7 +75,8 @@ fn a_replaced_journal_is_noted_and_an_unknown_line_does_not_stop_the_watch() {
 #[test]
 fn the_words_of_a_closing_service_are_kept() {
     let mut watcher = watcher(Format::Text, None);
-    assert_eq!(watcher.reason(), "the service is gone");
+    assert_eq!(watcher.end(), Ended::Lost("the service is gone".to_owned()));
     said(&mut watcher, "{\"closing\":\"all 32 places of the feed are taken\"}\n");
-    assert_eq!(watcher.reason(), "all 32 places of the feed are taken");
+    let words = "all 32 places of the feed are taken".to_owned();
+    assert_eq!(watcher.end(), Ended::Refused(words));
 }
