@@ -8,17 +8,20 @@ use super::diagnostics::Finding;
 use super::tree::{Node, number, whole};
 use super::words;
 use serde_json::Value;
+use std::collections::BTreeMap;
 use toml::de::DeValue;
 
 /// All findings of a tree against a schema with its `$defs`.
 pub(super) fn check(schema: &Value, root: &Node<'_>) -> Vec<Finding> {
-    let mut checker = Checker { root: schema, findings: Vec::new() };
+    let mut checker = Checker { root: schema, homes: Homes::new(), findings: Vec::new() };
+    homes(schema, schema, "", &mut checker.homes);
     checker.value(root, schema);
     checker.findings
 }
 
 struct Checker<'s> {
     root: &'s Value,
+    homes: Homes,
     findings: Vec<Finding>,
 }
 
@@ -171,10 +174,10 @@ impl<'s> Checker<'s> {
     ) -> Finding {
         let place = place(&node.path);
         let shown = words::shortened(key);
-        let homes = homes(self.root, self.root, "", key);
-        let help = match (meant, homes.as_slice()) {
+        let homes = self.homes.get(key).map_or(&[][..], Vec::as_slice);
+        let help = match (meant, homes) {
             (Some(word), _) => format!("did you mean `{word}`?"),
-            (None, [_, ..]) => format!("`{shown}` belongs {}", words::either(&homes)),
+            (None, [_, ..]) => format!("`{shown}` belongs {}", words::either(homes)),
             (None, []) => format!("remove it. Keys here: {}", words::names(keys.map(|k| &**k))),
         };
         let child = Node { path: node.path_of(&shown), ..node.clone() };
@@ -249,30 +252,29 @@ fn last_key(path: &str) -> &str {
     path.rsplit('.').next().unwrap_or(path)
 }
 
-/// The tables that have a key, as `[[area]]` or `[area.detector]`; at most a handful.
-fn homes(root: &Value, schema: &Value, path: &str, key: &str) -> Vec<String> {
-    let mut found = Vec::new();
+/// The tables that have a key, by key: "in `area.detector`", "at the top of the file ..".
+type Homes = BTreeMap<String, Vec<String>>;
+
+fn homes(root: &Value, schema: &Value, path: &str, found: &mut Homes) {
     let schema = words::resolved(root, schema);
     if schema["type"] == "array" {
-        return homes(root, &schema["items"], path, key);
+        return homes(root, &schema["items"], path, found);
     }
     let tables = words::branches(schema).iter().chain([schema]);
     for properties in tables.filter_map(|table| table["properties"].as_object()) {
-        if properties.contains_key(key) {
+        for (key, child) in properties {
             let home = match path {
                 "" => "at the top of the file, before the first `[[..]]`".to_owned(),
                 path => format!("in `{path}`{}", of_kind(properties)),
             };
-            if !found.contains(&home) {
-                found.push(home);
+            let known = found.entry(key.clone()).or_default();
+            if !known.contains(&home) {
+                known.push(home);
             }
-        }
-        for (name, child) in properties {
-            let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
-            found.extend(homes(root, child, &path, key));
+            let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+            homes(root, child, &path, found);
         }
     }
-    found
 }
 
 fn of_kind(properties: &serde_json::Map<String, Value>) -> String {

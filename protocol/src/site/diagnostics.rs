@@ -3,7 +3,9 @@
 use super::TEXT_BYTES_MAX;
 use super::tree::Node;
 use super::words;
-use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet, normalize_untrusted_str};
+use annotate_snippets::{
+    Annotation, AnnotationKind, Level, Origin, Renderer, Snippet, normalize_untrusted_str,
+};
 use serde::Serialize;
 use std::fmt;
 use std::ops::Range;
@@ -11,7 +13,8 @@ use std::ops::Range;
 /// Most diagnostics that are kept; the rest is counted. Nobody mends more than a screen or two at
 /// a time, and a file that is not a site file at all has an error on every line.
 pub const DIAGNOSTICS_MAX: usize = 50;
-/// Most bytes of the file between two places that are drawn together.
+/// Most bytes of the file that are drawn for one diagnostic: lines of a file that a person wrote,
+/// between two places that have to do with each other, are fewer.
 const EXCERPT_BYTES_MAX: usize = 64 * 1024;
 
 /// How bad it is.
@@ -252,29 +255,46 @@ impl Diagnostics {
         let to = spans().map(|span| span.end).max().unwrap_or(0);
         let from = self.text[..from].rfind('\n').map_or(0, |newline| newline + 1);
         let to = self.text[to..].find('\n').map_or(self.text.len(), |newline| to + newline);
+        let level = match item.severity {
+            Severity::Error => Level::ERROR,
+            Severity::Warning => Level::WARNING,
+        };
+        let title = level.primary_title(&item.message);
+        let mut group = if to - from > EXCERPT_BYTES_MAX {
+            // A line that nobody can read: only its place is told.
+            let place = Origin::path(&self.file_name).line(item.line);
+            title.element(place.char_column(item.column))
+        } else {
+            title.element(self.excerpt(item, &near, from..to))
+        };
+        if !item.help.is_empty() {
+            let lines: Vec<String> = item.help.lines().map(normalize_untrusted_str).collect();
+            group = group.element(Level::HELP.message(lines.join("\n")));
+        }
+        renderer.render(&[group])
+    }
+
+    /// The lines `range` of the text with what is marked in them.
+    fn excerpt<'a>(
+        &'a self,
+        item: &Diagnostic,
+        near: &[&(Range<usize>, String)],
+        range: Range<usize>,
+    ) -> Snippet<'a, Annotation<'a>> {
+        let from = range.start;
         let shift = |span: &Range<usize>| span.start - from..span.end - from;
         let label = match item.expected.as_str() {
             "" => String::new(),
             expected => format!("expected {}", normalize_untrusted_str(expected)),
         };
-        let snippet = Snippet::source(&self.text[from..to])
+        Snippet::source(&self.text[range])
             .path(&self.file_name)
             .line_start(self.text[..from].matches('\n').count() + 1)
             .annotation(AnnotationKind::Primary.span(shift(&item.span)).label(label))
             .annotations(near.iter().map(|(span, label)| {
                 let label = normalize_untrusted_str(label);
                 AnnotationKind::Context.span(shift(span)).label(label)
-            }));
-        let level = match item.severity {
-            Severity::Error => Level::ERROR,
-            Severity::Warning => Level::WARNING,
-        };
-        let mut group = level.primary_title(&item.message).element(snippet);
-        if !item.help.is_empty() {
-            let lines: Vec<String> = item.help.lines().map(normalize_untrusted_str).collect();
-            group = group.element(Level::HELP.message(lines.join("\n")));
-        }
-        renderer.render(&[group])
+            }))
     }
 }
 

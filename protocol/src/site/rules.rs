@@ -6,6 +6,7 @@
 use super::diagnostics::Finding;
 use super::tree::Node;
 use super::words::{did_you_mean, names, quoted, shortened};
+use super::{AREAS_MAX, LASERS_MAX};
 use crate::frame::LASERS_PER_AREA_MAX;
 use std::collections::BTreeMap;
 
@@ -18,6 +19,9 @@ pub(super) fn check(root: &Node<'_>) -> Vec<Finding> {
     let (areas, lasers) = (root.list("area"), root.list("laser"));
     let mut findings = Vec::new();
     time_zone(root, &mut findings);
+    if areas.len() > AREAS_MAX || lasers.len() > LASERS_MAX {
+        return findings; // the schema says so, and the rest would only repeat it
+    }
     unique(&areas, "id", "area", &mut findings);
     unique(&lasers, "id", "laser", &mut findings);
     watched(&areas, &lasers, &mut findings);

@@ -3,6 +3,9 @@
 use std::ops::Range;
 use toml::de::{DeInteger, DeValue};
 
+/// As many items as the longest list may have (lasers, zones); the schema refuses longer ones.
+const ITEMS_MAX: usize = 256;
+
 /// A value of the file. Getters are lenient: what is absent or of another type is `None`, so that
 /// one mistake does not hide the next.
 #[derive(Debug, Clone)]
@@ -55,9 +58,12 @@ impl<'t> Node<'t> {
         array.iter().enumerate().map(item).collect()
     }
 
-    /// The items of the list under a key.
+    /// The items of the list under a key, for the rules: at most [`ITEMS_MAX`], so that a rule which
+    /// compares all with all stays quick whatever the file.
     pub fn list(&self, key: &str) -> Vec<Self> {
-        self.get(key).map(|node| node.items()).unwrap_or_default()
+        let mut items = self.get(key).map(|node| node.items()).unwrap_or_default();
+        items.truncate(ITEMS_MAX);
+        items
     }
 
     /// The text under a key.

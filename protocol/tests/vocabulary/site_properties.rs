@@ -121,12 +121,29 @@ fn hostile_texts_are_refused_in_words() {
     let keys: String = (0..5000).map(|n| format!("key{n} = {n}\n")).collect();
     let lines = "\r\n\u{feff}name = 'a'\r\n\u{2028}";
     let wide = "name = \"\u{1b}[31mred\"\n\tcell\u{200f} = 1";
-    for text in [&deep, &dotted, &long, &huge, &many, &keys, lines, wide] {
+    let days = format!(
+        "{}[{}]\nfrom = '00:00'\nto = '00:00'\n",
+        "[[area]]\n[[area.context]]\ndays = ",
+        "'mon', ".repeat(100_000)
+    );
+    let areas = "[[area]]\n[[laser]]\narea='a'\n".repeat(30_000);
+    let texts: [&str; 10] =
+        [&deep, &dotted, &long, &huge, &many, &keys, &days, &areas, lines, wide];
+    for text in texts {
         parse(text);
     }
     let errors = Site::parse(&keys, "keys.toml").unwrap_err();
     assert_eq!(errors.iter().count(), 50);
     assert!(errors.to_string().contains("more are not shown"), "{errors}");
+}
+
+#[test]
+fn a_line_that_nobody_can_read_is_told_by_its_place() {
+    let text = format!("name = 'a' #{}\nflavour = '{}'", "-".repeat(99), "e".repeat(70_000));
+    let errors = Site::parse(&text, "long.toml").unwrap_err().to_string();
+    let told = "error: there is no key `flavour` in the site file\n--> long.toml:2:1\n";
+    assert!(errors.contains(told), "{errors}");
+    assert!(errors.len() < 1000, "{errors}");
 }
 
 #[test]

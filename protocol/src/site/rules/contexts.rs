@@ -23,7 +23,7 @@ pub(super) fn check(contexts: &[Node<'_>], findings: &mut Vec<Finding>) {
 fn days(context: &Node<'_>, findings: &mut Vec<Finding>) {
     let mut seen: Vec<&str> = Vec::new();
     for item in context.list("days") {
-        let Some(day) = item.value.as_str() else { continue };
+        let Some(day) = item.value.as_str().filter(|day| DAYS.contains(day)) else { continue };
         if seen.contains(&day) {
             findings.push(
                 Finding::error(&item, quoted(day), "each day once").help("remove one of the two"),
@@ -63,15 +63,9 @@ fn minutes(context: &Node<'_>) -> Option<Vec<usize>> {
     let time = |key: &str| minute_of_day(context.text(key)?.0).map(usize::from);
     let (from, to) = (time("from")?, time("to")?);
     let length = if to > from { to - from } else { to + DAY - from };
-    let listed: Option<Vec<usize>> = context
-        .list("days")
-        .iter()
-        .map(|item| DAYS.iter().position(|day| item.value.as_str() == Some(day)))
-        .collect();
-    let days = match listed? {
-        none if none.is_empty() => (0..7).collect(),
-        some => some,
-    };
+    let listed = context.list("days");
+    let is_day = |day: &str| listed.iter().any(|item| item.value.as_str() == Some(day));
+    let days = (0..7).filter(|&day| listed.is_empty() || is_day(DAYS[day]));
     let of_day = |day: usize| (0..length).map(move |minute| (day * DAY + from + minute) % WEEK);
-    Some(days.into_iter().flat_map(of_day).collect())
+    Some(days.flat_map(of_day).collect())
 }
