@@ -40,7 +40,7 @@ fn every_shipped_site_file_is_read_without_a_warning() {
 fn the_foyer_has_a_night_of_its_own_and_one_laser() {
     let site = named("foyer.toml");
     let area = &site.areas[site.area_index("foyer").unwrap()];
-    assert_eq!((area.grid().columns, area.grid().rows), (120, 80));
+    assert_eq!((area.grid().columns, area.grid().rows), (150, 105));
     let night = &area.contexts[0];
     assert_eq!((night.from_minute(), night.to_minute()), (22 * 60, 6 * 60));
     let lasers: Vec<_> =
@@ -50,17 +50,32 @@ fn the_foyer_has_a_night_of_its_own_and_one_laser() {
     assert_eq!(site.laser_index("back"), None);
 }
 
+/// A site of a shipped scene lies where the scene says: the scene file is the owner of its geometry.
 #[test]
-fn the_lasers_of_the_room_look_at_its_middle() {
-    let site = named("room.toml");
-    let grid = site.areas[0].grid();
-    let side = |cells: u32| f64::from(cells) * grid.cell_m / 2.0;
-    assert_eq!(site.lasers_of("room").count(), 4);
-    for (_, laser) in site.lasers_of("room") {
-        let (pose, x_m, y_m) = (laser.pose(), side(grid.columns), side(grid.rows));
-        let bearing_rad = (y_m - pose.y_m).atan2(x_m - pose.x_m);
-        assert!((bearing_rad - pose.yaw_rad).abs() < 0.2, "{}", laser.id);
+fn a_simulated_site_has_the_geometry_of_its_scene() {
+    let mut compared = 0;
+    for file in shipped() {
+        let site = read(&file);
+        for laser in &site.lasers {
+            let Source::Simulator { scene, .. } = &laser.source else { continue };
+            let path = file.with_file_name("scenes").join(format!("{scene}.toml"));
+            let scene: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
+            let area = &site.areas[site.area_index(&laser.area).unwrap()];
+            let grid: protocol::geometry::GridGeometry = {
+                let mut table = scene["area"].as_table().unwrap().clone();
+                table.remove("id");
+                table.try_into().unwrap()
+            };
+            assert_eq!(area.grid(), grid, "{}", file.display());
+            let same_id = |other: &&toml::Value| other["id"].as_str() == Some(&laser.id);
+            let placed = scene["laser"].as_array().unwrap().iter().find(same_id).unwrap();
+            let number = |key: &str| placed[key].as_float().unwrap();
+            let pose = [laser.x_m, laser.y_m, laser.yaw_deg];
+            assert_eq!(pose, ["x_m", "y_m", "yaw_deg"].map(number), "{}", laser.id);
+            compared += 1;
+        }
     }
+    assert_eq!(compared, 5);
 }
 
 #[test]
