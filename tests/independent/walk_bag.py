@@ -12,7 +12,7 @@ import lz4.frame
 from rosbags.typesys import Stores, get_typestore
 
 MAGIC = b"#ROSBAG V2.0\n"
-OP_MESSAGE, OP_CHUNK, OP_CONNECTION = 2, 5, 7
+OP_MESSAGE, OP_INDEX, OP_CHUNK, OP_CONNECTION = b"\x02", b"\x04", b"\x05", b"\x07"
 UNPACK = {b"none": bytes, b"bz2": bz2.decompress, b"lz4": lz4.frame.decompress}
 
 
@@ -28,19 +28,26 @@ def fields_of(header):
 
 
 def records(data, at=0):
-    """Yields (fields, data) of the records; a record that the end cuts off ends the walk."""
-    while at + 4 <= len(data):
-        (length,) = struct.unpack_from("<I", data, at)
-        header = data[at + 4 : at + 4 + length]
-        at += 4 + length
-        if at + 4 > len(data):
+    """Yields (fields, data) of the records; says so if the end cuts one off, and stops there."""
+    while at < len(data):
+        start = at
+        header, at = sized(data, at)
+        fields = fields_of(header)
+        body, end = sized(data, at)
+        if fields.get("op") == OP_INDEX:
+            # An index entry has 12 bytes. Old recorders counted 20 and wrote 12.
+            end = at + 4 + 12 * struct.unpack("<I", fields["count"])[0]
+        if end > len(data):
+            print(f"the record at byte {start} is cut off by the end ({len(data)} bytes)")
             return
-        (length,) = struct.unpack_from("<I", data, at)
-        body = data[at + 4 : at + 4 + length]
-        at += 4 + length
-        if at > len(data):
-            return
-        yield fields_of(header), body
+        at = end
+        yield fields, body
+
+
+def sized(data, at):
+    """Bytes behind their length (u32), and where they end."""
+    length = int.from_bytes(data[at : at + 4], "little")
+    return data[at + 4 : at + 4 + length], at + 4 + length
 
 
 def scans(path, message_type):
@@ -52,7 +59,7 @@ def scans(path, message_type):
     short_name = message_type.replace("/msg/", "/").encode()
 
     def take(fields, body):
-        op = fields["op"][0]
+        op = fields["op"]
         if op == OP_CHUNK:
             for inner in records(UNPACK[fields["compression"]](body)):
                 take(*inner)
