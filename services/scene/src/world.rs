@@ -66,7 +66,7 @@ pub struct Truth {
 /// One person.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PersonTruth {
-    /// Names the person for ever.
+    /// Names the person for ever; below 2^53, so that any JSON reader keeps it.
     pub id: u64,
     /// The route, loop, wander group or incident that he belongs to.
     pub origin: String,
@@ -194,7 +194,7 @@ impl World {
             .map(|walk| {
                 let stand = walk.stand(t_s);
                 PersonTruth {
-                    id: walk.id,
+                    id: walk.id >> 11,
                     origin: walk.origin.clone(),
                     x_m: stand.body[0],
                     y_m: stand.body[1],

@@ -7,7 +7,13 @@
 //! |---|---|
 //! | [`workload`] | W1r, W2r, W3r: the turned rooms of the performance targets |
 //! | [`measure`] | how alive a workload is: no-returns, beams that change, people |
+//! | [`export`] | a workload or a scene as a recording (MCAP), the truth as JSON lines beside it |
+//! | [`site_file`] | a site file that fits a scene or a workload |
+//! | [`picture`] | a scene at an instant in characters, to be looked at |
 //! | `main.rs` | the program `simulator` |
 
+pub mod export;
 pub mod measure;
+pub mod picture;
+pub mod site_file;
 pub mod workload;
