@@ -6,6 +6,7 @@
 
 use crate::slot::{Arrival, Completion, LaneChange, SlotConfig, Slots};
 use occupancy::{Fuser, LaserModel};
+use protocol::frame::FrameView;
 use protocol::geometry::Pose;
 use protocol::scan::{BEAMS_MAX, ScanGeometry, ScanView};
 use protocol::site::{Area, Laser, NoReturn};
@@ -93,6 +94,14 @@ pub struct FrameOut<'a> {
     pub lasers_present: u64,
     /// Publication of the scan that completed it, CLOCK_MONOTONIC; 0 if a deadline did.
     pub completed_by_mono_ns: u64,
+}
+
+impl<'a> FrameOut<'a> {
+    /// The planes for the grid.
+    #[must_use]
+    pub fn view(&self) -> FrameView<'a> {
+        FrameView { number: self.number, hit: self.hit, known: self.known }
+    }
 }
 
 #[derive(Debug)]
@@ -229,6 +238,12 @@ impl FusionCore {
         self.fuser.install(laser, &model);
         self.installed[laser] = Some((scan.geometry, beams));
         Ok(())
+    }
+
+    /// Geometry and beams of a laser's first scan, which fix its sensor model.
+    #[must_use]
+    pub fn geometry(&self, laser: usize) -> Option<(ScanGeometry, usize)> {
+        self.installed.get(laser).copied().flatten()
     }
 
     /// The recording of this laser is over.

@@ -11,4 +11,5 @@
 //! `laser_lost_ms`; queues are bounded ([`slot::SLOTS_MAX`]).
 
 pub mod core;
+pub mod shell;
 pub mod slot;

@@ -445,7 +445,7 @@ mod tests {
         slots.arrive(0, 1000 * MS, Some(1000 * MS), 'a', |_| {});
         let hour_later_ms = 3_601_000;
         let emitted = frames(&mut slots, Some(hour_later_ms), &mut shown);
-        assert_eq!(emitted.len(), 101);
+        assert_eq!(emitted.len(), 100);
         assert_eq!(slots.skipped(), 35_900 - 1);
     }
 

@@ -48,8 +48,8 @@ impl Contexts {
     /// # Errors
     /// If the time zone or a time of day is not one.
     pub fn new(timezone: &str, contexts: &[Context]) -> Result<Self, ContextError> {
-        let zone = TimeZone::get(timezone)
-            .map_err(|_| ContextError::TimeZone(timezone.to_owned()))?;
+        let zone =
+            TimeZone::get(timezone).map_err(|_| ContextError::TimeZone(timezone.to_owned()))?;
         let rules = contexts.iter().map(Rule::new).collect::<Result<_, _>>()?;
         Ok(Self { zone, rules, cached: (u64::MAX, 0) })
     }

@@ -3,8 +3,9 @@
 //! The lattice has no holes: the numbers between two frames that came are frames that say nothing,
 //! and they are classified and counted like every other (semantics.md, "Frames").
 
+use crate::checkpoint::{self, Checkpoint};
 use crate::context::{ContextError, Contexts};
-use occupancy::{GridConfig, TemporalGrid};
+use occupancy::{GridConfig, RestoreError, TemporalGrid};
 use protocol::frame::FrameView;
 use protocol::geometry::GridGeometry;
 use protocol::site::Area;
@@ -34,13 +35,30 @@ pub enum Taken {
     WrongSize,
 }
 
+/// Why a checkpoint does not fit.
+#[derive(Debug, thiserror::Error)]
+pub enum RestoreFailed {
+    /// The contents of the windows.
+    #[error(transparent)]
+    Windows(#[from] RestoreError),
+    /// The counts.
+    #[error("context `{context}` has {found} counts, expected {expected}")]
+    Counts {
+        /// Its name.
+        context: String,
+        /// Numbers found.
+        found: usize,
+        /// Cells times classes.
+        expected: usize,
+    },
+}
+
 /// The grid of one area.
 pub struct MapperCore {
     geometry: GridGeometry,
     lattice: Lattice,
     contexts: Contexts,
     grid: TemporalGrid,
-    longest_window: u64,
     counts: Counts,
 }
 
@@ -52,13 +70,11 @@ impl MapperCore {
     pub fn new(area: &Area, timezone: &str) -> Result<Self, ContextError> {
         let contexts = Contexts::new(timezone, &area.contexts)?;
         let config = GridConfig::of_area(area);
-        let longest_window = config.windows.iter().copied().max().unwrap_or(1).into();
         Ok(Self {
             geometry: area.grid(),
             lattice: area.lattice(),
             contexts,
             grid: TemporalGrid::new(config),
-            longest_window,
             counts: Counts::default(),
         })
     }
@@ -67,14 +83,14 @@ impl MapperCore {
     /// ones first, with its number and the classes after it.
     pub fn frame(
         &mut self,
-        number: u64,
-        planes: &[u64],
+        frame: FrameView<'_>,
         mut step: impl FnMut(u64, &TemporalGrid),
     ) -> Taken {
-        let Some(frame) = FrameView::from_wire(number, planes, self.geometry.plane_words()) else {
+        let (number, words) = (frame.number, self.geometry.plane_words());
+        if frame.hit.len() != words || frame.known.len() != words {
             self.counts.frames_refused += 1;
             return Taken::WrongSize;
-        };
+        }
         if self.grid.last_number().is_some_and(|last| number <= last) {
             self.counts.frames_repeated += 1;
             return Taken::Repeated;
@@ -90,10 +106,13 @@ impl MapperCore {
     /// Adds the frames before `number` that never came.
     fn fill_until(&mut self, number: u64, step: &mut impl FnMut(u64, &TemporalGrid)) {
         let Some(last) = self.grid.last_number() else { return };
-        for missing in last + 1..number {
+        // After the longest window everything is unknown and nothing changes any more: the rest of
+        // a long gap is left to the grid.
+        let change_ends = last.saturating_add(u64::from(self.grid.config().longest_frames()) + 1);
+        self.counts.frames_missing += number - last - 1;
+        for missing in last + 1..number.min(change_ends) {
             let context = self.contexts.at(self.lattice.stamp_ns(missing));
             self.grid.push_unknown(missing, context);
-            self.counts.frames_missing += 1;
             step(missing, &self.grid);
         }
     }
@@ -104,9 +123,53 @@ impl MapperCore {
         &self.grid
     }
 
-    /// The grid, to restore a checkpoint into it.
-    pub fn grid_mut(&mut self) -> &mut TemporalGrid {
-        &mut self.grid
+    /// Says which grid this is, for its checkpoints.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        checkpoint::describe(&self.geometry, self.lattice.period_ns(), self.grid.config())
+    }
+
+    /// All that a restart needs to go on: a copy, to be written by somebody with time.
+    #[must_use]
+    pub fn checkpoint(&self) -> Checkpoint {
+        let counts = |(index, name): (usize, &str)| {
+            let mut counts = vec![0; self.count_values()];
+            self.grid.collapsed(index, &mut counts);
+            (name.to_owned(), counts)
+        };
+        Checkpoint {
+            grid: self.describe(),
+            history: self.grid.history(),
+            contexts: self.contexts.names().into_iter().enumerate().map(counts).collect(),
+        }
+    }
+
+    /// Goes on where the writer of `checkpoint` stood. Counts of contexts that the site file does
+    /// not name any more are counted in `always`.
+    ///
+    /// # Errors
+    /// If the checkpoint does not fit the grid; nothing is changed then.
+    pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), RestoreFailed> {
+        let expected = self.count_values();
+        for (context, counts) in &checkpoint.contexts {
+            if counts.len() != expected {
+                let (context, found) = (context.clone(), counts.len());
+                return Err(RestoreFailed::Counts { context, found, expected });
+            }
+        }
+        if let Some(history) = &checkpoint.history {
+            self.grid = TemporalGrid::restore(self.grid.config().clone(), history)?;
+        }
+        for (context, counts) in &checkpoint.contexts {
+            let names = self.contexts.names();
+            let index = names.iter().position(|name| name == context).unwrap_or(0);
+            self.grid.add_collapsed(index, counts);
+        }
+        Ok(())
+    }
+
+    fn count_values(&self) -> usize {
+        self.geometry.cells() * self.grid.config().classes()
     }
 
     /// Names of the contexts by index.
@@ -124,11 +187,5 @@ impl MapperCore {
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counts
-    }
-
-    /// Frames of the longest window.
-    #[must_use]
-    pub fn longest_window(&self) -> u64 {
-        self.longest_window
     }
 }

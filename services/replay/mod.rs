@@ -1,0 +1,203 @@
+//! `tog replay`: a recording through all cores in one process, as fast as it goes.
+//!
+//! The same cores as the services, without clock, shared memory and processes, so that what a
+//! recording says here is, bit for bit, what the running system says of it.
+//!
+//! | file | what |
+//! |---|---|
+//! | `layout.rs` | a site file for a recording that has none |
+//! | `area.rs` | one area: sources -> fusion -> mapper -> anomaly |
+//! | `output.rs` | grid.json, events.jsonl, pictures |
+
+mod area;
+mod layout;
+mod output;
+
+use crate::cli::{PresetName, Replay};
+use crate::site_file;
+use area::AreaRun;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use protocol::site::{Preset, Site, Source};
+use protocol::time::SECOND_NS;
+use recording::{Recording, RecordingIndex};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a recording could not be replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The recording itself.
+    #[error(transparent)]
+    Recording(#[from] recording::RecordingError),
+    /// Its scans.
+    #[error(transparent)]
+    Source(#[from] laser::SourceError),
+    /// No area can be laid round the scans of a topic.
+    #[error("topic {topic}: {source}")]
+    Layout {
+        /// The topic.
+        topic: String,
+        /// Why.
+        source: recording::ExtentError,
+    },
+    /// A laser of the site is not replayed.
+    #[error(
+        "laser `{laser}` of the site file is {found}, expected `source = {{ kind = \"replay\", .. }}`: \
+         `tog replay` feeds lasers from the recording"
+    )]
+    NotReplayed {
+        /// The laser.
+        laser: String,
+        /// Its source.
+        found: &'static str,
+    },
+    /// The contexts of an area.
+    #[error(transparent)]
+    Context(#[from] mapper::context::ContextError),
+    /// A file of the results.
+    #[error("cannot write the results to {}: {source}", path.display())]
+    Write {
+        /// Directory or file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A picture.
+    #[error(transparent)]
+    Figure(#[from] figures::FigureError),
+    /// The site file.
+    #[error(transparent)]
+    SiteFile(#[from] site_file::SiteFileError),
+}
+
+/// Wraps an error of the file system with the path.
+fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ReplayError + '_ {
+    move |source| ReplayError::Write { path: path.to_owned(), source }
+}
+
+/// What a replay came to.
+pub struct Outcome {
+    /// Why the recording ended before its end, if it did; what came before is written.
+    pub cut: Option<laser::SourceError>,
+}
+
+/// Runs `tog replay`.
+///
+/// # Errors
+/// If nothing can be replayed at all, or the results cannot be written.
+pub fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
+    let recording = Recording::open(&arguments.recording)?;
+    eprintln!("tog: reading {}", arguments.recording.display());
+    let index = RecordingIndex::scan(&recording)?;
+    std::fs::create_dir_all(&arguments.out).map_err(write_error(&arguments.out))?;
+    let site = match &arguments.site {
+        Some(path) => site_file::load(path)?,
+        None => laid_out(arguments, &recording, &index)?,
+    };
+    report_contents(&index);
+
+    let several = site.areas.len() > 1;
+    let mut cut = None;
+    for area_index in 0..site.areas.len() {
+        let area = &site.areas[area_index];
+        let directory = if several { arguments.out.join(&area.id) } else { arguments.out.clone() };
+        let rows = if arguments.every_frame {
+            mapper::results::Rows::EveryFrame
+        } else {
+            mapper::results::Rows::OneASecond
+        };
+        let sources = sources_of(&site, &area.id, &arguments.recording, &index)?;
+        let mut run = AreaRun::new(&site, area_index, sources, &directory, rows)?;
+        let bar = progress_bar(&area.id, &index);
+        run.to_the_end(&bar)?;
+        bar.finish_and_clear();
+        eprintln!("tog: {}", run.summary());
+        cut = run.take_cut().or(cut);
+        run.finish(&directory, &arguments.recording)?;
+        eprintln!("tog: results of area {} are in {}", area.id, directory.display());
+    }
+    Ok(Outcome { cut })
+}
+
+/// The site of a recording that comes without one; its text is written beside the results.
+fn laid_out(
+    arguments: &Replay,
+    recording: &Recording,
+    index: &RecordingIndex,
+) -> Result<Site, ReplayError> {
+    let preset = match arguments.preset {
+        PresetName::Default => Preset::Default,
+        PresetName::Paper => Preset::Paper,
+        PresetName::Onehot => Preset::Onehot,
+    };
+    let text = layout::lay_out(recording, index, preset)?;
+    let path = arguments.out.join("site.toml");
+    std::fs::write(&path, &text).map_err(write_error(&path))?;
+    let site = site_file::parse(&text, &path)?;
+    for area in &site.areas {
+        eprintln!(
+            "tog: no site file: laid area `{}` round the scans, {} x {} cells of {} cm, its laser at \
+             (0, 0)",
+            area.id,
+            area.columns,
+            area.rows,
+            area.cell_m * 100.0
+        );
+    }
+    eprintln!("tog: wrote {}: put the poses right there and replay with --site", path.display());
+    Ok(site)
+}
+
+fn report_contents(index: &RecordingIndex) {
+    for topic in &index.topics {
+        let percent = |part: u64| 100.0 * part as f64 / topic.readings.max(1) as f64;
+        let span_s = (topic.last_stamp_ns - topic.first_stamp_ns) as f64 / SECOND_NS as f64;
+        eprintln!(
+            "tog: {}: {} scans of {} beams in {span_s:.1} s ({:.1} Hz), {:.0} % no return, {:.1} % \
+             invalid",
+            topic.topic,
+            topic.scans,
+            topic.beams,
+            topic.rate_hz(),
+            percent(topic.no_return),
+            percent(topic.invalid)
+        );
+    }
+    if let Some(refusal) = &index.first_refusal {
+        let refused: u64 = index.topics.iter().map(|topic| topic.refused).sum();
+        eprintln!("tog: {refused} messages were refused and dropped, the first: {refusal}");
+    }
+}
+
+/// The sources of the lasers of an area, from the recording of the command line.
+fn sources_of(
+    site: &Site,
+    area: &str,
+    recording: &Path,
+    index: &RecordingIndex,
+) -> Result<Vec<laser::ReplaySource>, ReplayError> {
+    let mut sources = Vec::new();
+    for (_, laser) in site.lasers_of(area) {
+        let Source::Replay { topic, .. } = &laser.source else {
+            let found = "simulated";
+            return Err(ReplayError::NotReplayed { laser: laser.id.clone(), found });
+        };
+        let topic = index.topic(topic.as_deref())?;
+        sources.push(laser::ReplaySource::open(recording, Some(&topic.topic))?);
+    }
+    Ok(sources)
+}
+
+/// A bar over the seconds of the recording, on a terminal only.
+fn progress_bar(area: &str, index: &RecordingIndex) -> ProgressBar {
+    let first_ns = index.topics.iter().map(|topic| topic.first_stamp_ns).min().unwrap_or(0);
+    let last_ns = index.topics.iter().map(|topic| topic.last_stamp_ns).max().unwrap_or(0);
+    let seconds = last_ns.saturating_sub(first_ns) / SECOND_NS;
+    let bar = ProgressBar::with_draw_target(Some(seconds), ProgressDrawTarget::stderr());
+    let template = "{prefix} [{wide_bar}] {pos}/{len} s, {eta} left";
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(area.to_owned());
+    bar
+}
