@@ -2,8 +2,9 @@
 //! the messages of variable length in shared memory.
 //!
 //! Layout: magic `T` `G` (2 bytes), kind (u8), version (u8), body length (u32, little endian), body
-//! (postcard). A decoder never panics, never allocates more than about 1 MiB ahead of what it has read,
-//! and refuses what it does not know. A change of a struct that postcard would read differently takes a new version.
+//! (postcard). A decoder never panics, never allocates more than about 1 MiB ahead of what it has
+//! read, and refuses what it does not know. A change of a struct that postcard would read
+//! differently takes a new version.
 
 use crate::event::{EventAcknowledgement, EventChange};
 use crate::health::Health;

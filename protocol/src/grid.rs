@@ -58,7 +58,7 @@ pub struct CollapsedMapHeader {
     pub number: u64,
     /// T, nanoseconds.
     pub period_ns: u64,
-    /// Index of the context in the site file; 0 is `always` where none are named.
+    /// Index of the context, as in `Area::context_names`; 0 is `always`.
     pub context: u32,
     /// Number of classes.
     pub classes: u32,

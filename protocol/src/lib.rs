@@ -13,6 +13,19 @@
 //! Versioning: a shared-memory header carries its version in `Header::TYPE_NAME`, an encoded message
 //! in its envelope ([`codec`]). Any change that a reader of the old layout would misread takes a new
 //! version; all processes of a host are one binary, so only the network and files meet old versions.
+//!
+//! | where | what |
+//! |---|---|
+//! | [`site`] | the site file: the only parser, every error at once, the JSON schema |
+//! | [`topic`] | the only names of topics |
+//! | [`wire`] | what every header in shared memory begins with; no padding byte crosses a process |
+//! | [`codec`] | the envelope of everything that is encoded: network, journal, events, health |
+//! | [`time`], [`geometry`] | the lattice of frames; the one owner of metres <-> cells |
+//! | [`scan`], [`frame`], [`grid`], [`event`], [`health`] | the messages |
+//!
+//! Invariants: nothing here reads a file, a clock or an environment; no decoder and no parser panics,
+//! whatever the bytes (property tests beside this crate, fuzz targets in `tests/fuzz`); the bytes of
+//! each version are held by tests (`tests/vocabulary/wire_format.rs`, `layout.rs`).
 
 pub mod codec;
 pub mod event;

@@ -136,6 +136,13 @@ impl Area {
         self.transit.unwrap_or(self.preset != Preset::Paper)
     }
 
+    /// Names of all contexts by index: 0 is `always`, i + 1 the i-th `[[area.context]]`.
+    #[must_use]
+    pub fn context_names(&self) -> Vec<&str> {
+        let named = self.contexts.iter().map(|context| context.name.as_str());
+        std::iter::once("always").chain(named).collect()
+    }
+
     /// Names of all classes by id, `transit` included, `unknown` not.
     #[must_use]
     pub fn class_names(&self) -> Vec<ClassName> {

@@ -1,8 +1,9 @@
 //! Holds the tree against the JSON schema of the types and tells everything that does not fit.
 //!
-//! Knows the part of JSON schema that `schemars` makes of these types: `$ref`, `type`, `properties`,
-//! `required`, `additionalProperties`, `items`, `enum`, `const`, `oneOf`/`anyOf`, `minimum`, `maximum`,
-//! `minLength`, `maxLength`, `minItems`, `maxItems`, `pattern`. A test holds this list against the schema.
+//! Knows the part of JSON schema that `schemars` makes of these types: `$ref`, `type`,
+//! `properties`, `required`, `additionalProperties`, `items`, `enum`, `const`, `oneOf`/`anyOf`,
+//! `minimum`, `maximum`, `minLength`, `maxLength`, `minItems`, `maxItems`, `pattern`. A test holds
+//! this list against the schema.
 
 use super::diagnostics::Finding;
 use super::tree::{Node, number, whole};

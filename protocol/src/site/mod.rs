@@ -6,7 +6,7 @@
 //!
 //! One owner per fact: the types and their `#[schemars(..)]` attributes say which keys there are,
 //! of which type, within which range. `schemars` makes a JSON schema of them, which `tog schema`
-//! prints for editors and which [`check`] holds the text against. [`rules`] has what a schema
+//! prints for editors and which `check` holds the text against. `rules` has what a schema
 //! cannot say: what must agree between two places of the file.
 //!
 //! | where | what |
@@ -30,7 +30,7 @@ mod words;
 
 pub use area::{Area, Detector};
 pub use class::{ClassPrototype, Preset};
-pub use diagnostics::{Diagnostic, Diagnostics, Severity};
+pub use diagnostics::{DIAGNOSTICS_MAX, Diagnostic, Diagnostics, Severity};
 pub use laser::{Laser, NoReturn, Pace, Source};
 pub use place::{Context, Weekday, Zone, minute_of_day};
 

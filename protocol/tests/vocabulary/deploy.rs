@@ -41,6 +41,7 @@ fn the_foyer_has_a_night_of_its_own_and_one_laser() {
     let site = named("foyer.toml");
     let area = &site.areas[site.area_index("foyer").unwrap()];
     assert_eq!((area.grid().columns, area.grid().rows), (150, 105));
+    assert_eq!(area.context_names(), ["always", "night"]);
     let night = &area.contexts[0];
     assert_eq!((night.from_minute(), night.to_minute()), (22 * 60, 6 * 60));
     let lasers: Vec<_> =
