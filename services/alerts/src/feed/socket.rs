@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 pub const SOCKET_FILE: &str = "alerts.sock";
 /// Bytes read from a client at once; a client says one short line.
 const READ_BYTES: usize = 512;
+/// Reads from a client before the loop looks at anything else: a chatterbox must not hold it up.
+const READS_MAX: usize = 16;
 /// Connections accepted before the loop looks at anything else.
 const ACCEPTS_MAX: usize = 64;
 
@@ -94,10 +96,17 @@ impl FeedSocket {
         }
         let Some(connection) = self.connections.get_mut(&token) else { return false };
         let mut bytes = [0; READ_BYTES];
+        let mut reads = 0;
         let is_gone = loop {
+            reads += 1;
             match connection.stream.read(&mut bytes) {
                 Ok(0) => break true,
-                Ok(length) => self.feed.received(connection.id, &bytes[..length], mono_ns),
+                Ok(length) => {
+                    self.feed.received(connection.id, &bytes[..length], mono_ns);
+                    if reads == READS_MAX {
+                        break false;
+                    }
+                }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => break error.kind() != ErrorKind::WouldBlock,
             }
@@ -224,4 +233,103 @@ fn send(connection: &mut Connection, feed: &mut Feed, mono_ns: u64) -> std::io::
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::feed::{QUEUE_BYTES_MAX, STALL_NS};
+    use crate::keeper::{Keeper, Now};
+    use crate::testing::change;
+    use std::io::BufRead;
+
+    struct Service {
+        keeper: Keeper,
+        events: EventLoop,
+        feed: FeedSocket,
+        directory: tempfile::TempDir,
+    }
+
+    impl Service {
+        fn new() -> Self {
+            let directory = tempfile::tempdir().unwrap();
+            let now = Now { unix_ns: 1, mono_ns: 1 };
+            let (keeper, _) = Keeper::open(&directory.path().join("journal"), now).unwrap();
+            let events = EventLoop::new().unwrap();
+            let feed = FeedSocket::bind(directory.path(), &events).unwrap();
+            Self { keeper, events, feed, directory }
+        }
+
+        fn append(&mut self, sequences: std::ops::RangeInclusive<u64>) {
+            let changes = sequences.map(|sequence| change("foyer", sequence)).collect();
+            self.keeper.offer(changes, Now { unix_ns: 1, mono_ns: 1 });
+        }
+
+        fn connect(&mut self) -> UnixStream {
+            let mut client = UnixStream::connect(self.directory.path().join(SOCKET_FILE)).unwrap();
+            client.write_all(b"{\"after\":0}\n").unwrap();
+            client.set_nonblocking(true).unwrap();
+            client
+        }
+
+        /// One turn of the loop, without sleeping.
+        fn turn(&mut self, mono_ns: u64) {
+            self.events.wait(Some(0)).unwrap();
+            while let Some(token) = self.events.next_ready() {
+                assert!(self.feed.ready(token, mono_ns));
+            }
+            self.feed.pump(&self.keeper, mono_ns).unwrap();
+        }
+    }
+
+    fn read(client: &mut UnixStream, into: &mut Vec<u8>) -> usize {
+        let before = into.len();
+        let _ = client.read_to_end(into);
+        into.len() - before
+    }
+
+    fn ids(bytes: &[u8]) -> Vec<u64> {
+        let lines = bytes.lines().map(|line| line.unwrap());
+        let values = lines.map(|line| serde_json::from_str::<serde_json::Value>(&line).unwrap());
+        values.filter_map(|value| value["journal_id"].as_u64()).collect()
+    }
+
+    #[test]
+    fn a_slow_client_gets_a_long_history_through_a_full_socket_without_a_hole() {
+        let mut service = Service::new();
+        service.append(1..=2000);
+        let mut client = service.connect();
+        (0..5).for_each(|_| service.turn(1)); // the socket fills up
+        assert!(service.feed.feed().output(1).len() <= 2 * QUEUE_BYTES_MAX);
+        service.append(2001..=2010);
+        let mut got = Vec::new();
+        while read(&mut client, &mut got) > 0 {
+            service.turn(2);
+        }
+        assert_eq!(ids(&got), (1..=2010).collect::<Vec<_>>());
+        assert_eq!(service.feed.deadline_ns(), None);
+        drop(client);
+        service.turn(3);
+        assert!(service.feed.feed().is_empty());
+    }
+
+    #[test]
+    fn a_client_that_hangs_loses_its_place_and_reads_why_when_it_wakes() {
+        let mut service = Service::new();
+        service.append(1..=2000);
+        let mut client = service.connect();
+        (0..5).for_each(|_| service.turn(1));
+        assert_eq!(service.feed.deadline_ns(), Some(1 + STALL_NS));
+        service.turn(1 + STALL_NS);
+        let mut got = Vec::new();
+        while read(&mut client, &mut got) > 0 {
+            service.turn(2 + STALL_NS);
+        }
+        let last = got.lines().last().unwrap().unwrap();
+        assert!(last.contains("last journal_id that came"), "{last}");
+        let ids = ids(&got);
+        assert_eq!(ids, (1..=ids.len() as u64).collect::<Vec<_>>());
+        assert!(service.feed.feed().is_empty());
+    }
 }
