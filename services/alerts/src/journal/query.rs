@@ -106,10 +106,10 @@ impl Journal {
             connection
                 .prepare(
                     "SELECT journal_id, received_ns, change_json FROM event_change AS c
-                     WHERE (?1 OR journal_id = (SELECT max(journal_id) FROM event_change AS d
-                                                WHERE d.event_id = c.event_id))
-                       AND (NOT ?2 OR NOT EXISTS (SELECT 1 FROM event_change AS e
-                                WHERE e.event_id = c.event_id AND e.state = 'cleared'))
+                     WHERE (?1 OR sequence = (SELECT max(sequence) FROM event_change AS d
+                                              WHERE d.event_id = c.event_id))
+                       AND (NOT ?2 OR 'cleared' <> (SELECT e.state FROM event_change AS e
+                                WHERE e.event_id = c.event_id ORDER BY sequence DESC LIMIT 1))
                        AND (?3 IS NULL OR state = ?3)
                        AND (?4 IS NULL OR kind = ?4)
                        AND (?5 IS NULL OR area = ?5)

@@ -30,7 +30,7 @@ CREATE TABLE event_change (
   change_json TEXT NOT NULL,                    -- the whole change, exactly as it was received
   UNIQUE (origin, sequence)
 ) STRICT;
-CREATE INDEX event_change_by_event ON event_change (event_id);
+CREATE INDEX event_change_by_event ON event_change (event_id, sequence);
 CREATE INDEX event_change_by_stamp ON event_change (stamp_ns);
 CREATE TABLE origin (
   origin TEXT PRIMARY KEY,
@@ -46,7 +46,7 @@ CREATE VIEW event AS                            -- one row a happening: its newe
   SELECT event_id, kind, state, area, zone,
          strftime('%Y-%m-%d %H:%M:%S', first_evidence_ns / 1000000000, 'unixepoch') AS began_utc,
          strftime('%Y-%m-%d %H:%M:%S', stamp_ns / 1000000000, 'unixepoch') AS changed_utc,
-         x_m, y_m, text, max(journal_id) AS journal_id
+         x_m, y_m, text, max(sequence) AS sequence
   FROM event_change GROUP BY event_id;
 "];
 

@@ -94,6 +94,24 @@ fn a_list_tells_events_and_only_the_open_ones_if_asked() {
 }
 
 #[test]
+fn an_event_is_open_if_its_newest_change_does_not_end_it() {
+    // Numbers of events may begin anew when an origin lost its file.
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    let story = |sequence, state| EventChange {
+        id: "foyer-1".to_owned(),
+        state,
+        ..change("foyer", sequence)
+    };
+    let changes = [story(1, EventState::Raised), story(2, EventState::Cleared)];
+    journal.append(&changes, NOW_NS).unwrap();
+    let open_only = Filter { open_only: true, ..Filter::default() };
+    assert_eq!(journal.list(&open_only).unwrap(), []);
+    journal.append(&[story(3, EventState::Raised)], NOW_NS).unwrap();
+    assert_eq!(journal.list(&open_only).unwrap()[0].change().unwrap().sequence, 3);
+}
+
+#[test]
 fn a_person_reads_the_view_of_events() {
     let directory = tempfile::tempdir().unwrap();
     let mut journal = open(&directory);
