@@ -1,0 +1,150 @@
+//! Doors: found from the counts, watched with a clock.
+//!
+//! A leaf that is shut reads as fixed; while it is open for less than half of the longest timescale
+//! its place reads as vacated (semantics.md). So a door is a component of at least [`CELLS_MIN`] cells
+//! in which both are strong. That a door is open is normal; that it stays open is not.
+
+use crate::normal::Normal;
+use crate::place::{Bounds, bounds_of};
+use crate::plane::{Flood, Plane};
+use crate::role::{Role, Roles};
+use protocol::geometry::GridGeometry;
+
+const CELLS_MIN: usize = 3;
+/// Shares of the known time from which a class is strong in a door.
+const FIXED_SHARE_MIN: f64 = 0.3;
+const VACATED_SHARE_MIN: f64 = 0.02;
+/// Share of a door's cells that show nothing, from which it is open, and below which it is shut.
+const OPEN_SHARE: f64 = 0.6;
+const SHUT_SHARE: f64 = 0.3;
+/// Longest door that is believed, metres: beyond, it is a wall in the shadow of a queue.
+const LENGTH_MAX_M: f64 = 6.0;
+
+/// A door and whether it is open.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Door {
+    pub(crate) cells: Vec<u32>,
+    pub(crate) bounds: Bounds,
+    /// Since which stamp it is open.
+    pub(crate) open_since_ns: Option<u64>,
+    /// Number of the event that it is held open.
+    pub(crate) event: Option<u64>,
+}
+
+impl Door {
+    /// Takes what its cells show: how many show something, how many nothing, of those that can be
+    /// seen. True if it is open now.
+    pub(crate) fn observe(&mut self, present: usize, absent: usize, stamp_ns: u64) -> bool {
+        let seen = present + absent;
+        if 2 * seen >= self.cells.len() {
+            let share = absent as f64 / seen as f64;
+            if share >= OPEN_SHARE {
+                self.open_since_ns.get_or_insert(stamp_ns);
+            } else if share <= SHUT_SHARE {
+                self.open_since_ns = None;
+            }
+        }
+        self.open_since_ns.is_some()
+    }
+
+    pub(crate) fn centre_m(&self) -> [f64; 2] {
+        let [x0, y0, x1, y1] = self.bounds;
+        [(x0 + x1) / 2.0, (y0 + y1) / 2.0]
+    }
+}
+
+/// Doors of an area by its counts, in the order of their lowest cells; marks their cells in `plane`.
+pub(crate) fn find(
+    grid: &GridGeometry,
+    normal: &Normal,
+    roles: &Roles,
+    plane: &mut Plane,
+) -> Vec<Door> {
+    let cells = grid.cells();
+    plane.clear();
+    for cell in 0..cells {
+        let (mut fixed, mut vacated, mut known) = (0.0, 0.0, 0.0);
+        for slot in 0..roles.classes() as u8 {
+            let (seen, total) = normal.frames(cell, slot);
+            known = total;
+            match roles.role(slot) {
+                Role::Fixed => fixed += seen,
+                Role::Vacated => vacated += seen,
+                _ => {}
+            }
+        }
+        let door = known > 0.0
+            && fixed >= FIXED_SHARE_MIN * known
+            && vacated >= VACATED_SHARE_MIN * known;
+        plane.set(cell, door);
+    }
+    let mut doors = Vec::new();
+    let columns = grid.columns;
+    Flood::new(cells).components(grid, &plane.clone(), |members| {
+        let mut span = [u32::MAX, u32::MAX, 0, 0];
+        for (column, row) in members.iter().map(|cell| (cell % columns, cell / columns)) {
+            span =
+                [span[0].min(column), span[1].min(row), span[2].max(column), span[3].max(row)];
+        }
+        let bounds = bounds_of(grid, span);
+        let length_m = (bounds[2] - bounds[0]).hypot(bounds[3] - bounds[1]);
+        if members.len() >= CELLS_MIN && length_m <= LENGTH_MAX_M {
+            let mut cells = members.to_vec();
+            cells.sort_unstable();
+            doors.push(Door { cells, bounds, open_since_ns: None, event: None });
+        } else {
+            members.iter().for_each(|cell| plane.set(*cell as usize, false));
+        }
+    });
+    doors
+}
+
+/// True if a region lies within the swing of a door that is open: its leaf, or who holds it. That the
+/// door stays open is told by the door's own clock.
+pub(crate) fn explains(doors: &[Door], region: Bounds, cell_m: f64) -> bool {
+    doors.iter().filter(|door| door.open_since_ns.is_some()).any(|door| {
+        let [x0, y0, x1, y1] = door.bounds;
+        let swing_m = (x1 - x0).hypot(y1 - y0) + cell_m;
+        region[0] >= x0 - swing_m
+            && region[1] >= y0 - swing_m
+            && region[2] <= x1 + swing_m
+            && region[3] <= y1 + swing_m
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_leaf_that_opens_now_and_then_is_a_door_and_a_wall_is_not() {
+        let grid = GridGeometry { origin_m: [0.0, 0.0], cell_m: 0.1, columns: 8, rows: 3 };
+        let area: protocol::site::Area = crate::testing::area(8, 3);
+        let roles = Roles::of(&area);
+        let mut normal = Normal::new(grid, 0.1, roles.classes(), 1);
+        for minute in 0..20 {
+            for column in 0..8 {
+                let open = (2..6).contains(&column) && minute % 4 == 0;
+                normal.change(8 + column, if open { 3 } else { 4 });
+            }
+            (0..600).for_each(|_| normal.tick());
+        }
+        let mut plane = Plane::new(grid.cells());
+        let doors = find(&grid, &normal, &roles, &mut plane);
+        assert_eq!(doors.len(), 1);
+        assert_eq!(doors[0].cells, [10, 11, 12, 13]);
+        assert!(plane.get(10) && !plane.get(9));
+    }
+
+    #[test]
+    fn a_door_half_open_stays_what_it_was() {
+        let mut door =
+            Door { cells: vec![1, 2, 3, 4], bounds: [0.0; 4], open_since_ns: None, event: None };
+        assert!(!door.observe(2, 2, 1));
+        assert!(door.observe(1, 3, 2));
+        assert!(door.observe(2, 2, 3));
+        assert!(door.observe(0, 1, 4), "too little is seen to tell");
+        assert_eq!(door.open_since_ns, Some(2));
+        assert!(!door.observe(4, 0, 5));
+    }
+}
