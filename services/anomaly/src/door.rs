@@ -6,11 +6,12 @@
 
 use crate::normal::Normal;
 use crate::place::{Bounds, bounds_of};
-use crate::plane::{Flood, Plane};
+use crate::plane::{Flood, Plane, for_each_neighbour};
 use crate::role::{Role, Roles};
 use protocol::geometry::GridGeometry;
 
 const CELLS_MIN: usize = 3;
+const JOIN_CELLS: usize = 1;
 /// Shares of the known time from which a class is strong in a door.
 const FIXED_SHARE_MIN: f64 = 0.3;
 const VACATED_SHARE_MIN: f64 = 0.02;
@@ -73,23 +74,29 @@ pub(crate) fn find(
                 _ => {}
             }
         }
-        let door = known > 0.0
-            && fixed >= FIXED_SHARE_MIN * known
-            && vacated >= VACATED_SHARE_MIN * known;
+        let door =
+            known > 0.0 && fixed >= FIXED_SHARE_MIN * known && vacated >= VACATED_SHARE_MIN * known;
         plane.set(cell, door);
+    }
+    // The leaf of a door is seen in pieces: those within two cells of each other are one.
+    let mut joined = plane.clone();
+    for _ in 0..JOIN_CELLS {
+        let narrow = joined.clone();
+        narrow.for_each(|cell| for_each_neighbour(grid, cell, |near| joined.set(near, true)));
     }
     let mut doors = Vec::new();
     let columns = grid.columns;
-    Flood::new(cells).components(grid, &plane.clone(), |members| {
+    Flood::new(cells).components(grid, &joined, |members| {
+        let members: Vec<u32> =
+            members.iter().copied().filter(|cell| plane.get(*cell as usize)).collect();
         let mut span = [u32::MAX, u32::MAX, 0, 0];
         for (column, row) in members.iter().map(|cell| (cell % columns, cell / columns)) {
-            span =
-                [span[0].min(column), span[1].min(row), span[2].max(column), span[3].max(row)];
+            span = [span[0].min(column), span[1].min(row), span[2].max(column), span[3].max(row)];
         }
         let bounds = bounds_of(grid, span);
         let length_m = (bounds[2] - bounds[0]).hypot(bounds[3] - bounds[1]);
         if members.len() >= CELLS_MIN && length_m <= LENGTH_MAX_M {
-            let mut cells = members.to_vec();
+            let mut cells = members;
             cells.sort_unstable();
             doors.push(Door { cells, bounds, open_since_ns: None, event: None });
         } else {

@@ -27,14 +27,14 @@ struct Fault<'a> {
 }
 
 impl Watch {
-    /// No class map came for `silence_s` seconds after the last one: says so once. For the shell, which
-    /// has a clock; a replay at any other pace than real time has none.
-    pub fn feed_silent(&mut self, silence_s: f64, changes: &mut Vec<EventChange>) {
+    /// No class map came for `silence_s` seconds until `stamp_ns`: says so once. For the shell, which
+    /// has a clock; a lossless replay has none.
+    pub fn feed_silent(&mut self, stamp_ns: u64, silence_s: f64, changes: &mut Vec<EventChange>) {
         if self.coverage.event.is_some() {
             return;
         }
-        let first_ns = self.stamp_ns();
-        let stamp_ns = first_ns.saturating_add((silence_s.max(0.0) * SECOND_NS as f64) as u64);
+        let silence_ns = (silence_s.max(0.0) * SECOND_NS as f64) as u64;
+        let first_ns = stamp_ns.saturating_sub(silence_ns);
         let text = format!(
             "Coverage lost: no class map of area `{}` for {}. Nothing is watched here. Fusion or the \
              mapper is down, or every laser is silent.",
@@ -117,11 +117,7 @@ impl Watch {
     }
 
     /// Cells that are usually known and are unknown now.
-    pub(crate) fn supervise_coverage(
-        &mut self,
-        stamp_ns: u64,
-        changes: &mut Vec<EventChange>,
-    ) {
+    pub(crate) fn supervise_coverage(&mut self, stamp_ns: u64, changes: &mut Vec<EventChange>) {
         let longest_s = self.area.timescales_s.last().copied().unwrap_or(0.0);
         let started_ns = stamp_ns.saturating_sub(self.first_ns.unwrap_or(stamp_ns));
         // A mapper that starts anew classifies nothing before its window has filled.

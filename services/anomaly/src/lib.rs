@@ -2,6 +2,7 @@
 //!
 //! The pure core is [`Watch`]: class maps in, changes of events out; it reads no clock, no file.
 
+mod box_sums;
 mod charge;
 mod door;
 mod faults;
@@ -15,6 +16,7 @@ mod role;
 mod sense;
 mod shadow;
 mod snapshot;
+mod stages;
 mod supervise;
 #[cfg(test)]
 mod testing;

@@ -27,10 +27,13 @@ const STAY_NS: u64 = 20 * SECOND_NS;
 const STAY_M: f64 = 2.5;
 /// Unusual people at once that are a crowd.
 const CROWD: u32 = 5;
-/// Regions closer than this are one person, metres.
-const PERSON_M: f64 = 0.6;
-/// Floor that one standing person shows to lasers at most, square metres.
-const STANDING_M2: f64 = 0.15;
+/// Two standing legs closer than this are one person, metres; people this near to the centre count.
+const PERSON_M: f64 = 0.5;
+const CROWD_M: f64 = 2.5;
+/// What keeps still does not go away: if it moves by this, metres, it was somebody.
+const WALKED_M: f64 = 0.7;
+/// More people are a crowd all the same.
+const PEOPLE_MAX: usize = 32;
 /// Most happenings at once: a guard cannot attend to more; what exceeds it is counted.
 const HAPPENINGS_MAX: usize = 64;
 
@@ -57,6 +60,8 @@ pub(crate) struct Happening {
     pub(crate) trail: Bounds,
     pub(crate) centre_m: [f64; 2],
     start_m: [f64; 2],
+    /// Where it kept still when it was taken for an object.
+    still_m: [f64; 2],
     /// The strongest region of the last frame with one; `None` after a restart.
     pub(crate) region: Option<Region>,
     pub(crate) score: f64,
@@ -92,9 +97,6 @@ struct Share {
     bounds: Bounds,
     best: Region,
     ratio: f64,
-    people: u32,
-    last: Bounds,
-    standing_cells: u32,
 }
 
 /// All happenings of an area.
@@ -110,13 +112,7 @@ pub(crate) struct Life {
 
 impl Life {
     pub(crate) fn new(grid: GridGeometry, persist_frames: u32) -> Self {
-        Self {
-            grid,
-            persist_frames,
-            happenings: Vec::new(),
-            shares: Vec::new(),
-            dropped: 0,
-        }
+        Self { grid, persist_frames, happenings: Vec::new(), shares: Vec::new(), dropped: 0 }
     }
 
     /// Goes on with an event that was open when the process ended, given its last change.
@@ -132,6 +128,7 @@ impl Life {
             trail: change.bounds_m,
             centre_m,
             start_m: centre_m,
+            still_m: centre_m,
             region: None,
             score: change.score,
             level: change.threshold,
@@ -145,12 +142,22 @@ impl Life {
         });
     }
 
-    /// Takes the regions of a frame (each at least [`OFF`] of its level). Calls `tell` with every
+    /// Time begins anew at `stamp_ns`, before what was seen last.
+    pub(crate) fn rebase(&mut self, stamp_ns: u64) {
+        for happening in &mut self.happenings {
+            happening.seen_ns = happening.seen_ns.min(stamp_ns);
+            happening.told_ns = happening.told_ns.min(stamp_ns);
+        }
+    }
+
+    /// Takes the regions of a frame (each at least [`OFF`] of its level); `all` are those of the
+    /// space test at any level, to count people by. Calls `tell` with every
     /// happening that changed and how; `tell` gives a raised one its number.
     pub(crate) fn step(
         &mut self,
         stamp_ns: u64,
         regions: impl Iterator<Item = Region>,
+        all: &[Region],
         levels: Levels,
         mut tell: impl FnMut(&mut Happening, EventState),
     ) {
@@ -162,7 +169,7 @@ impl Life {
             let share = self.shares.iter().find(|share| share.owner == index).copied();
             let happening = &mut self.happenings[index];
             if let Some(share) = share {
-                happening.take(&self.grid, &share, levels, stamp_ns);
+                happening.take(&self.grid, &share, all, levels, stamp_ns);
             }
             let above = share.is_some_and(|share| share.ratio >= 1.0);
             let sudden = share.is_some_and(|share| share.best.test == Test::Time);
@@ -188,7 +195,11 @@ impl Life {
     /// Finds the happening that a region belongs to, or makes a candidate.
     fn assign(&mut self, stamp_ns: u64, region: Region, levels: Levels) {
         let bounds = bounds_of(&self.grid, region.span);
-        let ratio = region.score / levels.of(region.test).max(1e-9);
+        let mut ratio = region.score / levels.of(region.test).max(1e-9);
+        if region.counted == 0 {
+            // What is over goes on for a while; it does not begin.
+            ratio = ratio.min(0.99);
+        }
         let nearest = self
             .happenings
             .iter()
@@ -209,25 +220,11 @@ impl Life {
                 self.happenings.len() - 1
             }
         };
-        let standing = region.lingering;
         let Some(share) = self.shares.iter_mut().find(|share| share.owner == owner) else {
-            self.shares.push(Share {
-                owner,
-                bounds,
-                best: region,
-                ratio,
-                people: 1,
-                last: bounds,
-                standing_cells: standing,
-            });
+            self.shares.push(Share { owner, bounds, best: region, ratio });
             return;
         };
         share.bounds = union(share.bounds, bounds);
-        if region.test == Test::Space {
-            share.people += u32::from(gap_m(bounds, share.last) > PERSON_M);
-            share.standing_cells += standing;
-            share.last = bounds;
-        }
         if ratio > share.ratio {
             (share.best, share.ratio) = (region, ratio);
         }
@@ -235,12 +232,7 @@ impl Life {
 }
 
 impl Happening {
-    fn candidate(
-        grid: &GridGeometry,
-        region: &Region,
-        bounds: Bounds,
-        stamp_ns: u64,
-    ) -> Self {
+    fn candidate(grid: &GridGeometry, region: &Region, bounds: Bounds, stamp_ns: u64) -> Self {
         let centre_m = point_m(grid, region.centre);
         Self {
             number: 0,
@@ -252,6 +244,7 @@ impl Happening {
             trail: bounds,
             centre_m,
             start_m: centre_m,
+            still_m: centre_m,
             region: None,
             score: 0.0,
             level: 1.0,
@@ -269,18 +262,33 @@ impl Happening {
         self.score / self.level.max(1e-9)
     }
 
-    fn take(&mut self, grid: &GridGeometry, share: &Share, levels: Levels, stamp_ns: u64) {
+    fn take(
+        &mut self,
+        grid: &GridGeometry,
+        share: &Share,
+        all: &[Region],
+        levels: Levels,
+        stamp_ns: u64,
+    ) {
         self.seen_ns = stamp_ns;
         self.bounds = share.bounds;
         self.trail = union(self.trail, share.bounds);
         self.centre_m = point_m(grid, share.best.centre);
         self.score = share.best.score;
         self.level = levels.of(share.best.test);
-        self.region = Some(share.best);
-        let standing_m2 = f64::from(share.standing_cells) * grid.cell_m * grid.cell_m;
-        self.people = share.people.max((standing_m2 / STANDING_M2).round() as u32);
+        self.region = Some(whole(all, &share.best));
+        self.people = people(grid, all, self.centre_m);
         let kind = self.kind_now(stamp_ns);
-        if rank(kind) > rank(self.kind) {
+        if kind == EventKind::ObjectLeft && self.kind != kind {
+            self.still_m = self.centre_m;
+        }
+        let moves = rank(kind) < rank(EventKind::ObjectLeft);
+        if self.kind == EventKind::ObjectLeft
+            && moves
+            && distance_m(self.centre_m, self.still_m) >= WALKED_M
+        {
+            self.kind = EventKind::Loitering;
+        } else if rank(kind) > rank(self.kind) {
             self.kind = kind;
         }
     }
@@ -340,6 +348,34 @@ impl Happening {
                 && (distance_m(self.centre_m, self.told_m) >= MOVED_M
                     || self.ratio() >= GREW * self.told_ratio))
     }
+}
+
+/// The component that a region is part of: charged cells are often but the core of what stands there.
+fn whole(all: &[Region], region: &Region) -> Region {
+    let [c0, r0, c1, r1] = region.span;
+    let holds = |other: &&Region| {
+        let [a0, b0, a1, b1] = other.span;
+        a0 <= c1 && c0 <= a1 && b0 <= r1 && r0 <= b1
+    };
+    let widest = all.iter().filter(holds).max_by_key(|other| other.cells);
+    widest.filter(|other| other.cells >= region.cells).copied().unwrap_or(*region)
+}
+
+/// People who stand within [`CROWD_M`] of a point, by their legs: regions of presence that are not a
+/// trail, those of one person taken together.
+fn people(grid: &GridGeometry, all: &[Region], at_m: [f64; 2]) -> u32 {
+    let mut found: [[f64; 2]; PEOPLE_MAX] = [[0.0; 2]; PEOPLE_MAX];
+    let mut count = 0;
+    for region in all {
+        let stands = 2 * (region.lingering + region.fixed) >= region.cells && region.gone == 0;
+        let leg_m = point_m(grid, region.centre);
+        let new = found[..count].iter().all(|other| distance_m(*other, leg_m) > PERSON_M);
+        if stands && new && distance_m(at_m, leg_m) <= CROWD_M && count < PEOPLE_MAX {
+            found[count] = leg_m;
+            count += 1;
+        }
+    }
+    count.max(1) as u32
 }
 
 fn distance_m(a: [f64; 2], b: [f64; 2]) -> f64 {

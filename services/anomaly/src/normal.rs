@@ -5,7 +5,7 @@
 //! ```text
 //! p_all(k) = (n_k + kappa*pi_k) / (n + kappa)            over all contexts
 //! p(k)     = (n_ck + kappa*p_all(k)) / (n_c + kappa)     in context c, where there are several
-//! pi_k     = 0.8 * share in the 3x3 neighbours + 0.18 * share in the whole map + 0.02 / K
+//! pi_k     = 0.8 * share in the 3x3 neighbours + 0.195 * share in the whole map + 0.005 / K
 //! l        = ln(1/K) - ln p(k), at most L_MAX
 //! ```
 //!
@@ -15,6 +15,7 @@
 //! *held* cell (in an open event, in quarantine) learns nothing. So an evidence l is always that of
 //! frames the model has not seen: every score is held out.
 
+use crate::box_sums::BoxSums;
 use crate::plane::{Plane, for_each_neighbour};
 use protocol::geometry::GridGeometry;
 
@@ -23,8 +24,8 @@ pub(crate) const TAU_S: f64 = 60.0;
 /// Weight of the prior, in thinned frames.
 const KAPPA: f64 = 3.0;
 const PRIOR_NEIGHBOURS: f64 = 0.8;
-const PRIOR_MAP: f64 = 0.18;
-const PRIOR_UNIFORM: f64 = 0.02;
+const PRIOR_MAP: f64 = 0.195;
+const PRIOR_UNIFORM: f64 = 0.005;
 /// Largest evidence of one cell, nats: months of learning make a cell that never changed ever more
 /// certain; without a ceiling the thresholds of the first day would not fit the second month.
 pub(crate) const L_MAX: f64 = 8.0;
@@ -32,6 +33,10 @@ pub(crate) const L_MAX: f64 = 8.0;
 const HALF_LIFE_S: f64 = 21.0 * 86_400.0;
 /// Fading is done in steps of this time of learning, seconds.
 const FADE_S: f64 = 86_400.0;
+/// Somebody who walks or stands a little beside where others did is as normal as they were: p of a
+/// class of presence is at least this times its share within [`NEAR_M`].
+const NEAR_WEIGHT: f64 = 0.5;
+const NEAR_M: f64 = 0.4;
 /// A cell that is known in less than this share of the learnt time is not missed when unknown.
 const COVERED_SHARE: f64 = 0.9;
 
@@ -49,18 +54,15 @@ pub(crate) struct Normal {
     clock: u32,
     held: Plane,
     map_share: Vec<f64>,
+    /// [class][cell]: share of a class of presence within [`NEAR_M`]; empty for the others.
+    near: Vec<Vec<f32>>,
     /// Frames learnt in each context.
     learnt: Vec<u64>,
     unfaded: u64,
 }
 
 impl Normal {
-    pub(crate) fn new(
-        grid: GridGeometry,
-        period_s: f64,
-        classes: usize,
-        contexts: usize,
-    ) -> Self {
+    pub(crate) fn new(grid: GridGeometry, period_s: f64, classes: usize, contexts: usize) -> Self {
         let cells = grid.cells();
         let contexts = contexts.max(1);
         Self {
@@ -74,6 +76,7 @@ impl Normal {
             clock: 0,
             held: Plane::new(cells),
             map_share: vec![1.0 / classes as f64; classes],
+            near: vec![Vec::new(); classes],
             learnt: vec![0; contexts],
             unfaded: 0,
         }
@@ -196,12 +199,11 @@ impl Normal {
         });
         let map = self.map_share[usize::from(slot)];
         let near = if near_known > 0.0 { near_seen / near_known } else { map };
-        let prior = PRIOR_NEIGHBOURS * near
-            + PRIOR_MAP * map
-            + PRIOR_UNIFORM / self.classes as f64;
+        let prior = PRIOR_NEIGHBOURS * near + PRIOR_MAP * map + PRIOR_UNIFORM / self.classes as f64;
         let thin = self.period_s / TAU_S;
-        let posterior =
-            |(seen, known): (f64, f64), prior: f64| (seen * thin + KAPPA * prior) / (known * thin + KAPPA);
+        let posterior = |(seen, known): (f64, f64), prior: f64| {
+            (seen * thin + KAPPA * prior) / (known * thin + KAPPA)
+        };
         let all = posterior(self.frames(cell, slot), prior);
         if self.counts.len() == 1 {
             return all;
@@ -212,7 +214,9 @@ impl Normal {
     /// l of a class (not `unknown`) in a cell, nats, at most [`L_MAX`].
     pub(crate) fn surprise(&self, cell: usize, slot: u8) -> f64 {
         let uniform = -(self.classes as f64).ln();
-        (uniform - self.probability(cell, slot).ln()).min(L_MAX)
+        let near = self.near[usize::from(slot)].get(cell).map_or(0.0, |share| f64::from(*share));
+        let p = self.probability(cell, slot).max(NEAR_WEIGHT * near);
+        (uniform - p.ln()).min(L_MAX)
     }
 
     /// The class that a cell shows most, with its share; `None` if it was never known.
@@ -264,6 +268,27 @@ impl Normal {
         for (share, sum) in self.map_share.iter_mut().zip(sums) {
             *share = if total > 0 { sum as f64 / total as f64 } else { 1.0 / self.classes as f64 };
         }
+    }
+
+    /// Shares of the given classes within [`NEAR_M`] of every cell, over the cells of which
+    /// `is_source` holds (not walls: what stands beside a wall is not as normal as the wall).
+    /// O(cells) a class.
+    pub(crate) fn look_around(&mut self, slots: &[u8], is_source: impl Fn(&Self, usize) -> bool) {
+        let cells = self.live.len();
+        let sources: Vec<bool> = (0..cells).map(|cell| is_source(self, cell)).collect();
+        let reach = (NEAR_M / self.grid.cell_m).round() as usize;
+        let from = |cell: usize, frames: f64| if sources[cell] { frames } else { 0.0 };
+        let known = BoxSums::new(&self.grid, |cell| from(cell, self.frames(cell, 0).1));
+        let mut near = vec![Vec::new(); self.classes];
+        for slot in slots {
+            let seen = BoxSums::new(&self.grid, |cell| from(cell, self.frames(cell, *slot).0));
+            let share = |cell| {
+                let known = known.around(cell, reach);
+                if known > 0.0 { (seen.around(cell, reach) / known) as f32 } else { 0.0 }
+            };
+            near[usize::from(*slot)] = (0..cells).map(share).collect();
+        }
+        self.near = near;
     }
 
     /// Replaces the counts of a context by a collapsed map [class, row, column] of the same shape
@@ -327,99 +352,5 @@ fn u64_add(sum: u64, count: &u64) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    const GRID: GridGeometry =
-        GridGeometry { origin_m: [0.0, 0.0], cell_m: 0.1, columns: 6, rows: 5 };
-
-    fn after(frames: u32, classes: &[u8]) -> Normal {
-        let mut normal = Normal::new(GRID, 0.1, 6, 1);
-        for (cell, class) in classes.iter().enumerate() {
-            normal.change(cell, *class);
-        }
-        for _ in 0..frames {
-            normal.tick();
-        }
-        normal
-    }
-
-    #[test]
-    fn a_class_that_was_never_seen_is_the_more_surprising_the_longer_one_has_looked() {
-        let mut covered = Plane::new(30);
-        let mut last = 0.0;
-        for minutes in [1, 10, 60, 600] {
-            let mut normal = after(minutes * 600, &[0; 30]);
-            normal.take_stock(&mut covered);
-            let l = normal.surprise(14, 2);
-            assert!(l > last || l == L_MAX, "{minutes} min: {l} after {last}");
-            assert!(normal.surprise(14, 0) < 0.0);
-            last = l;
-        }
-    }
-
-    #[test]
-    fn what_the_neighbours_do_surprises_less() {
-        let mut classes = [0; 30];
-        for cell in [7, 8, 9, 13, 15, 19, 20, 21] {
-            classes[cell] = 5;
-        }
-        let mut normal = after(36_000, &classes);
-        normal.take_stock(&mut Plane::new(30));
-        assert!(normal.surprise(14, 5) < 2.0, "in a ring of transit: {}", normal.surprise(14, 5));
-        assert!(normal.surprise(14, 2) > 5.0);
-    }
-
-    #[test]
-    fn a_held_cell_learns_nothing_and_goes_on_afterwards() {
-        let mut normal = after(600, &[0; 30]);
-        let mut held = Plane::new(30);
-        held.set(3, true);
-        normal.hold(&held);
-        normal.change(3, 2);
-        for _ in 0..6000 {
-            normal.tick();
-        }
-        assert_eq!(normal.frames(3, 2), (0.0, 600.0));
-        assert_eq!(normal.frames(4, 0), (6600.0, 6600.0));
-        normal.hold(&Plane::new(30));
-        normal.tick();
-        assert_eq!(normal.frames(3, 2), (1.0, 601.0));
-    }
-
-    #[test]
-    fn unknown_is_never_learnt_as_a_class() {
-        let mut normal = after(1000, &[6; 30]);
-        normal.change(0, 0);
-        normal.tick();
-        assert_eq!(normal.frames(0, 0), (1.0, 1.0));
-        assert_eq!(normal.frames(1, 0), (0.0, 0.0));
-        assert_eq!(normal.usual(1), None);
-    }
-
-    proptest! {
-        #[test]
-        fn probabilities_are_a_distribution_and_counts_are_frames(
-            changes in prop::collection::vec((0usize..30, 0u8..7, 1u32..50, 0usize..2), 1..80),
-        ) {
-            let mut normal = Normal::new(GRID, 0.1, 6, 2);
-            let mut frames = 0;
-            for (cell, slot, ticks, context) in changes {
-                normal.set_context(context);
-                normal.change(cell, slot);
-                (0..ticks).for_each(|_| normal.tick());
-                frames += u64::from(ticks);
-            }
-            normal.take_stock(&mut Plane::new(30));
-            prop_assert_eq!(normal.learnt_frames(), frames);
-            for cell in 0..30 {
-                let sum: f64 = (0..6).map(|slot| normal.probability(cell, slot)).sum();
-                prop_assert!((sum - 1.0).abs() < 1e-9, "cell {}: {}", cell, sum);
-            }
-            normal.settle_all();
-            let counted: u64 = normal.counts.iter().flatten().map(|count| u64::from(*count)).sum();
-            prop_assert_eq!(counted, 30 * frames);
-        }
-    }
-}
+#[path = "normal_tests.rs"]
+mod tests;

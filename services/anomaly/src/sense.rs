@@ -15,15 +15,16 @@ use crate::shadow::{Eyes, Obstacle};
 use protocol::geometry::GridGeometry;
 use protocol::grid::CLASSES_MAX;
 
-/// Cells with less evidence are not looked at, nats: p below 0.8 % with six classes.
-pub(crate) const L_MIN: f64 = 3.0;
+/// Evidence begins here, nats: p below 0.3 % with six classes. A path on which somebody walks ten times
+/// an hour is at 4 already; what counts is how far beyond a cell is, so this much is taken off.
+pub(crate) const L_MIN: f64 = 4.0;
 /// A place is permanent to a ray if it is occupied for longer than this share of its time.
 const PERMANENT_SHARE: f64 = 0.5;
 
 /// Which of the two tests a region comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Test {
-    /// S = sum of l / sqrt(cells) of a component.
+    /// S = sum of (l - L_MIN) / sqrt(cells) of a component.
     Space,
     /// The highest charge of a component of charged cells.
     Time,
@@ -46,6 +47,8 @@ pub(crate) struct Region {
     pub(crate) fixed: u32,
     pub(crate) gone: u32,
     pub(crate) lingering: u32,
+    /// Cells that are evidence now; a charged region may have none left.
+    pub(crate) counted: u32,
     /// The cell with the most evidence.
     pub(crate) peak: u32,
 }
@@ -129,10 +132,11 @@ impl Sense {
                 if self.bytes[line..stop] == classes[line..stop] {
                     continue;
                 }
-                for cell in line..stop {
-                    if self.bytes[cell] != classes[cell] {
-                        self.bytes[cell] = classes[cell];
-                        self.change(cell, self.roles.slot(classes[cell]), now);
+                for (offset, class) in classes[line..stop].iter().enumerate() {
+                    let cell = line + offset;
+                    if self.bytes[cell] != *class {
+                        self.bytes[cell] = *class;
+                        self.change(cell, self.roles.slot(*class), now);
                         changed += 1;
                     }
                 }
@@ -164,7 +168,7 @@ impl Sense {
         let evidence = l > L_MIN;
         self.l[cell] = l as f32;
         self.evidence.set(cell, evidence);
-        let counted = evidence && !(role.is_absent() && !self.counted.get(cell));
+        let counted = evidence && (!role.is_absent() || self.counted.get(cell));
         self.count(cell, counted, now);
     }
 
@@ -180,7 +184,8 @@ impl Sense {
     /// surface only moved, if a neighbour that usually is free is occupied now.
     fn is_explained(&self, cell: usize, slot: u8, role: Role, l: &mut f64) -> bool {
         if role.is_absent() {
-            let mut moved = false;
+            // That somebody left is no news: only what usually stands there can be missed.
+            let mut moved = !self.is_usually_fixed(cell);
             for_each_neighbour(&self.grid, cell, |neighbour| {
                 moved |= self.role_now(neighbour).is_present()
                     && !self.normal.is_usual(neighbour, self.normal.live()[neighbour]);
@@ -200,6 +205,9 @@ impl Sense {
         self.evidence.clear();
         self.counted.clear();
         self.dirty = true;
+        if scoring {
+            self.look_around();
+        }
         self.rescore(now);
     }
 
@@ -214,6 +222,27 @@ impl Sense {
     /// Once a minute: shares of the whole map, and which cells are usually known.
     pub(crate) fn take_stock(&mut self) {
         self.normal.take_stock(&mut self.covered);
+    }
+
+    /// Takes stock of where people are, for scores.
+    pub(crate) fn look_around(&mut self) {
+        if !self.scoring {
+            return;
+        }
+        let slots: Vec<u8> = (0..self.roles.classes() as u8)
+            .filter(|slot| self.roles.role(*slot).is_present())
+            .collect();
+        let roles = &self.roles;
+        self.normal.look_around(&slots, |normal, cell| {
+            normal.usual(cell).is_some_and(|(slot, _)| roles.role(slot) != Role::Fixed)
+        });
+    }
+
+    /// True if something usually stands in a cell.
+    fn is_usually_fixed(&self, cell: usize) -> bool {
+        self.normal.usual(cell).is_some_and(|(slot, share)| {
+            self.roles.role(slot) == Role::Fixed && share > PERMANENT_SHARE
+        })
     }
 
     /// Doors by the counts of now; marks their cells.
@@ -256,13 +285,7 @@ impl Sense {
         if !self.role_now(cell).is_present() {
             return Obstacle::None;
         }
-        let fixed = self
-            .normal
-            .usual(cell)
-            .is_some_and(|(slot, share)| {
-                self.roles.role(slot) == Role::Fixed && share > PERMANENT_SHARE
-            });
-        if fixed { Obstacle::Permanent } else { Obstacle::Fresh }
+        if self.is_usually_fixed(cell) { Obstacle::Permanent } else { Obstacle::Fresh }
     }
 
     pub(crate) fn in_shadow(&self, cell: usize, lasers_present: u64) -> bool {
@@ -326,23 +349,20 @@ impl Sense {
             fixed: 0,
             gone: 0,
             lingering: 0,
+            counted: 0,
             peak: cells[0],
         };
         let (mut sum, mut best, mut highest) = (0.0, f64::MIN, 0.0f64);
         for cell in cells.iter().map(|cell| *cell as usize) {
             let weight = match test {
-                Test::Space => f64::from(self.l[cell]),
+                Test::Space => f64::from(self.l[cell]) - L_MIN,
                 Test::Time => self.charge.charge(cell),
             };
             let (column, row) = (cell as u32 % columns, cell as u32 / columns);
             let span = &mut region.span;
-            *span = [
-                span[0].min(column),
-                span[1].min(row),
-                span[2].max(column),
-                span[3].max(row),
-            ];
+            *span = [span[0].min(column), span[1].min(row), span[2].max(column), span[3].max(row)];
             sum += weight;
+            region.counted += u32::from(self.evidence.get(cell));
             highest = highest.max(weight);
             region.centre[0] += weight * (f64::from(column) + 0.5);
             region.centre[1] += weight * (f64::from(row) + 0.5);

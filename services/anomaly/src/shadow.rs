@@ -105,9 +105,7 @@ mod tests {
 
     fn shadowed(picture: &str, present: u64) -> bool {
         let cells: Vec<char> = picture.chars().filter(|mark| *mark != ' ').collect();
-        let at = |mark| {
-            cells.iter().enumerate().filter(move |(_, c)| **c == mark).map(|(i, _)| i)
-        };
+        let at = |mark| cells.iter().enumerate().filter(move |(_, c)| **c == mark).map(|(i, _)| i);
         let eyes = Eyes {
             columns: cells.len() as f64,
             rows: 1.0,

@@ -11,8 +11,8 @@ pub(crate) const START_GRACE_NS: u64 = 10 * SECOND_NS;
 pub(crate) const BACK_DEBOUNCE_NS: u64 = 2 * SECOND_NS;
 /// Share of the covered cells that are unknown, from which coverage is lost, and below which it is
 /// restored.
-pub(crate) const LOST_SHARE: f64 = 0.10;
-pub(crate) const RESTORED_SHARE: f64 = 0.05;
+pub(crate) const LOST_SHARE: f64 = 0.20;
+pub(crate) const RESTORED_SHARE: f64 = 0.10;
 /// Debounce of lost coverage, both ways: longer than somebody needs to walk by a laser.
 pub(crate) const COVERAGE_DEBOUNCE_NS: u64 = 10 * SECOND_NS;
 

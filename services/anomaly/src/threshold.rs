@@ -21,8 +21,9 @@ const WEEK_S: f64 = 7.0 * 86_400.0;
 const PEAKS_MAX: f64 = 16_384.0;
 /// Fewest peaks from which a tail is fitted; below that it is taken as exponential.
 const TAIL_PEAKS_MIN: usize = 10;
-/// Range of the shape of the tail: -0.3 ends within 3.3 scales, 0.2 is heavier than any score seen.
-const SHAPE: (f64, f64) = (-0.3, 0.2);
+/// Range of the shape of the tail: -0.3 ends within 3.3 scales; above 0 it would be heavier than
+/// exponential, which a score of cells with a ceiling ([`crate::normal::L_MAX`]) is not.
+const SHAPE: (f64, f64) = (-0.3, 0.0);
 
 /// The highest score of each block of time: what normal life reaches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -119,8 +120,7 @@ fn tail_level(peaks: &[f64], allowed: f64) -> f64 {
         (highest, mean.max(0.1 * highest), 0.0, 1.0)
     };
     let ratio = (above / allowed).max(1.0);
-    let reach =
-        if shape.abs() < 1e-6 { ratio.ln() } else { (ratio.powf(shape) - 1.0) / shape };
+    let reach = if shape.abs() < 1e-6 { ratio.ln() } else { (ratio.powf(shape) - 1.0) / shape };
     (base + scale * reach).max(1.05 * highest)
 }
 

@@ -1,38 +1,28 @@
 //! The core of an area: class maps in, changes of events out.
 
-use crate::door::{self, Door};
-use crate::ledger::{Entry, Ledger, number_of};
-use crate::life::{Levels, Life, OFF};
+use crate::door::Door;
+use crate::ledger::{Ledger, number_of};
+use crate::life::Life;
 use crate::normal::Normal;
-use crate::place::{bounds_of, contains, for_each_cell, grid_bounds};
+use crate::place::{contains, grid_bounds};
 use crate::plane::Plane;
 use crate::role::Roles;
 use crate::sense::{Region, Sense};
 use crate::shadow::Eyes;
+use crate::stages::{FLOOR_SPACE, FLOOR_TIME, STOCK_S};
 use crate::supervise::Debounced;
-use crate::threshold::{Level, Peaks, level};
-use crate::words::{self, Certainty};
-use protocol::event::{EventChange, EventKind, EventState};
+use crate::threshold::{Level, Peaks};
+use crate::words;
+use protocol::event::{EventChange, EventKind};
 use protocol::site::{Area, Laser};
-use protocol::time::{Lattice, SECOND_NS};
+use protocol::time::Lattice;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Least levels: below, an area that was all quiet during calibration would cry at two odd cells.
-const FLOOR_SPACE: f64 = 9.0;
-const FLOOR_TIME: f64 = 40.0;
 /// A score must last this long to count: a walker, a crowd, an object do; a reflection does not.
-const PERSIST_S: f64 = 0.5;
-/// Slow work (charges, shadows, doors, coverage) is done twice a second.
-const TICK_S: f64 = 0.5;
-/// The whole map is taken stock of, and scored anew, once a minute of frames.
-const STOCK_S: f64 = 60.0;
-/// After a fault or a gap, the averages of the middle timescale still hold what was not seen.
-const MARGIN_M: f64 = 0.5;
-/// Least time without learning where an event was, beyond the longest timescale.
-const QUARANTINE_NS: u64 = 60 * SECOND_NS;
-/// Most places in quarantine; the oldest gives way. As many as there can be happenings.
-const QUARANTINE_MAX: usize = 64;
+pub(crate) const PERSIST_S: f64 = 0.5;
+/// A feed that began anew may go back by more than this; by less it only repeats itself, seconds.
+const BACK_S: f64 = 600.0;
 /// Most notices that wait to be read: a reader that never reads must not cost memory.
 const NOTICES_MAX: usize = 100;
 
@@ -125,17 +115,18 @@ pub struct Watch {
     pub(crate) fault_first_ns: Vec<(u64, u64)>,
     pub(crate) first_ns: Option<u64>,
     last: Option<u64>,
+    may_go_back: bool,
     /// Absence is no evidence and nothing is learnt before this frame.
     blind_until: u64,
-    frames_to_tick: u64,
-    frames_to_stock: u64,
-    stocks: u64,
-    space_regions: Vec<Region>,
-    time_regions: Vec<Region>,
-    space_score: f64,
-    recent: VecDeque<f64>,
-    quarantine: VecDeque<([f64; 4], u64)>,
-    held: Plane,
+    pub(crate) frames_to_tick: u64,
+    pub(crate) frames_to_stock: u64,
+    pub(crate) stocks: u64,
+    pub(crate) space_regions: Vec<Region>,
+    pub(crate) time_regions: Vec<Region>,
+    pub(crate) space_score: f64,
+    pub(crate) recent: VecDeque<f64>,
+    pub(crate) quarantine: VecDeque<([f64; 4], u64)>,
+    pub(crate) held: Plane,
     pub(crate) counters: Counters,
     pub(crate) notices: Vec<String>,
 }
@@ -181,6 +172,7 @@ impl Watch {
             fault_first_ns: Vec::new(),
             first_ns: None,
             last: None,
+            may_go_back: false,
             blind_until: 0,
             frames_to_tick: 0,
             frames_to_stock: 0,
@@ -231,9 +223,28 @@ impl Watch {
         }
     }
 
-    /// The mapper's publisher is another one: numbers may begin anew.
+    /// The mapper's publisher is another one: numbers may begin anew. A mapper that goes on from its
+    /// checkpoint only repeats some, which are stale.
     pub fn feed_restarted(&mut self) {
-        self.last = None;
+        self.may_go_back = true;
+    }
+
+    /// True if a frame is after the last one, or begins a new feed.
+    fn accept(&mut self, number: u64) -> bool {
+        let Some(last) = self.last else { return true };
+        if number > last {
+            return true;
+        }
+        let goes_back = self.may_go_back && (last - number) as f64 * self.period_s >= BACK_S;
+        if goes_back {
+            self.life.rebase(self.lattice.stamp_ns(number));
+            self.quarantine.clear();
+            self.sense.charge.reset();
+            self.first_ns = None;
+            self.blind_until = 0;
+            self.last = None;
+        }
+        goes_back
     }
 
     /// Replaces the model of a context by a collapsed map [class, row, column], if this core is
@@ -266,10 +277,11 @@ impl Watch {
         }
         let number = frame.number;
         let stamp_ns = self.lattice.stamp_ns(number);
-        if self.last.is_some_and(|last| number <= last) {
+        if !self.accept(number) {
             self.counters.frames_stale += 1;
             return;
         }
+        self.may_go_back = false;
         self.counters.frames_in += 1;
         let missed = self.last.map_or(0, |last| number - last - 1);
         self.counters.frames_missed += missed;
@@ -303,193 +315,6 @@ impl Watch {
         let scales = &self.area.timescales_s;
         let settle_s = scales[scales.len() / 2];
         self.blind_until = number + u64::from(self.lattice.frames_in(settle_s));
-    }
-
-    /// The slow work; true if it was done in this frame.
-    fn due(
-        &mut self,
-        frame: &ClassFrame<'_>,
-        blind: bool,
-        stamp_ns: u64,
-        changes: &mut Vec<EventChange>,
-    ) -> bool {
-        let now = frame.number as u32;
-        if self.frames_to_stock == 0 {
-            self.frames_to_stock = u64::from(self.lattice.frames_in(STOCK_S));
-            self.sense.take_stock();
-            self.sense.rescore(now);
-            self.stocks += 1;
-            if self.phase != Phase::Learning && self.stocks.is_multiple_of(60) {
-                self.find_doors(stamp_ns, changes);
-            }
-        }
-        self.frames_to_stock -= 1;
-        if self.frames_to_tick > 0 {
-            self.frames_to_tick -= 1;
-            return false;
-        }
-        self.frames_to_tick = u64::from(self.lattice.frames_in(TICK_S)) - 1;
-        self.sense.weigh_absences(frame.lasers_present, blind, now);
-        self.supervise_coverage(stamp_ns, changes);
-        if self.phase == Phase::Watching {
-            if !self.doors_pending.is_empty() && self.doors.is_empty() {
-                self.find_doors(stamp_ns, changes);
-            }
-            self.watch_doors(frame.lasers_present, stamp_ns, changes);
-        }
-        self.hold(stamp_ns);
-        true
-    }
-
-    fn advance_phase(&mut self, now: u32, blind: bool) {
-        let detector = &self.area.detector;
-        match self.phase {
-            Phase::Learning if self.sense.normal.learnt_s() >= detector.learning_s => {
-                self.phase = Phase::Calibrating;
-                self.sense.take_stock();
-                self.doors = self.sense.find_doors();
-                self.sense.set_scoring(true, now);
-                self.notice(format!(
-                    "learnt {} of normal life, found {} doors; calibrating for {}",
-                    words::duration(self.sense.normal.learnt_s()),
-                    self.doors.len(),
-                    words::duration(self.area.detector.calibration_s),
-                ));
-            }
-            Phase::Calibrating if !blind => {
-                self.calibration.frames += 1;
-                if self.calibrated_s() >= detector.calibration_s {
-                    self.phase = Phase::Watching;
-                    self.set_levels();
-                    self.sense.take_stock();
-                    self.doors = self.sense.find_doors();
-                    self.sense.set_scoring(true, now);
-                    self.notice(self.watching_words());
-                }
-            }
-            _ => {}
-        }
-    }
-
-    /// Both levels from the peaks, half of the budget each.
-    pub(crate) fn set_levels(&mut self) {
-        let budget = self.area.detector.alarms_per_week_max / 2.0;
-        let duration_s = self.calibrated_s();
-        let of = |peaks: &Peaks, floor| level(&peaks.declustered(), duration_s, budget, floor);
-        self.space = of(&self.calibration.space, FLOOR_SPACE);
-        self.time = of(&self.calibration.time, FLOOR_TIME);
-    }
-
-    pub(crate) fn watching_words(&self) -> String {
-        format!(
-            "watching with {} doors; levels {:.1} in space and {:.1} in time for at most {} alarms a \
-             week, {} {} of calibration",
-            self.doors.len(),
-            self.space.on,
-            self.time.on,
-            self.area.detector.alarms_per_week_max,
-            if self.extrapolated() { "extrapolated from" } else { "proven by" },
-            words::duration(self.calibrated_s()),
-        )
-    }
-
-    fn cells_min(&self) -> usize {
-        let cell_m2 = self.area.cell_m * self.area.cell_m;
-        ((self.area.detector.area_min_m2 / cell_m2 - 1e-9).ceil()).max(1.0) as usize
-    }
-
-    fn calibrate(&mut self, now: u32, tick: bool) {
-        let time_s = self.calibrated_s();
-        let mut regions = std::mem::take(&mut self.space_regions);
-        if self.sense.space_regions(self.cells_min(), 0.0, &mut regions) {
-            self.space_score = regions.iter().map(|region| region.score).fold(0.0, f64::max);
-        }
-        self.space_regions = regions;
-        let persist = self.lattice.frames_in(PERSIST_S) as usize;
-        self.recent.push_back(self.space_score);
-        if self.recent.len() > persist {
-            self.recent.pop_front();
-        }
-        if self.recent.len() == persist {
-            let lasting = self.recent.iter().copied().fold(f64::INFINITY, f64::min);
-            self.calibration.space.observe(time_s, lasting);
-        }
-        if tick {
-            let highest = self.sense.time_regions(now, f64::INFINITY, &mut self.time_regions);
-            self.calibration.time.observe(time_s, highest);
-        }
-    }
-
-    fn watch(&mut self, now: u32, tick: bool, stamp_ns: u64, changes: &mut Vec<EventChange>) {
-        let levels = Levels { space: self.space.on, time: self.time.on };
-        let cells_min = self.cells_min();
-        self.sense.space_regions(cells_min, OFF * levels.space, &mut self.space_regions);
-        if tick {
-            self.sense.time_regions(now, OFF * levels.time, &mut self.time_regions);
-        }
-        let regions = self.space_regions.iter().chain(&self.time_regions).copied();
-        let open_doors = &self.doors;
-        let cell_m = self.area.cell_m;
-        let grid = self.sense.grid;
-        let regions = regions
-            .filter(|region| !door::explains(open_doors, bounds_of(&grid, region.span), cell_m));
-        let certainty = Certainty {
-            budget_per_week: self.area.detector.alarms_per_week_max,
-            extrapolated: self.space.extrapolated || self.time.extrapolated,
-            calibrated_s: self.calibration.frames as f64 * self.period_s,
-        };
-        let (ledger, sense, quarantine) = (&mut self.ledger, &self.sense, &mut self.quarantine);
-        let quiet_ns = quarantine_ns(&self.area);
-        self.life.step(stamp_ns, regions, levels, |happening, state| {
-            if happening.number == 0 {
-                happening.number = ledger.number();
-            }
-            let zone = ledger.zone(happening.centre_m);
-            let text = if state == EventState::Cleared {
-                if quarantine.len() == QUARANTINE_MAX {
-                    quarantine.pop_front();
-                }
-                quarantine.push_back((happening.trail, stamp_ns.saturating_add(quiet_ns)));
-                let seconds = happening.seen_ns.saturating_sub(happening.first_ns) as f64 * 1e-9;
-                let why = "Nothing unusual is seen here any more.";
-                words::cleared(happening.kind, zone, happening.centre_m, seconds, why)
-            } else {
-                words::happening(happening, sense, zone, stamp_ns, certainty)
-            };
-            changes.push(ledger.change(Entry {
-                number: happening.number,
-                kind: happening.kind,
-                state,
-                stamp_ns,
-                first_ns: happening.first_ns,
-                at_m: happening.centre_m,
-                bounds: happening.bounds,
-                score: happening.score,
-                threshold: happening.level,
-                extrapolated: certainty.extrapolated,
-                text,
-            }));
-        });
-        self.counters.happenings_dropped = self.life.dropped;
-    }
-
-    /// Nothing is learnt where an event is or was a short time ago.
-    fn hold(&mut self, stamp_ns: u64) {
-        self.quarantine.retain(|(_, until_ns)| *until_ns > stamp_ns);
-        if self.held.is_empty() && self.quarantine.is_empty() && self.life.happenings.is_empty() {
-            return;
-        }
-        let grid = self.sense.grid;
-        let held = &mut self.held;
-        held.clear();
-        let trails = self.life.happenings.iter().map(|happening| happening.trail);
-        for bounds in trails.chain(self.quarantine.iter().map(|(bounds, _)| *bounds)) {
-            for_each_cell(&grid, bounds, MARGIN_M, |cell| held.set(cell, true));
-        }
-        for door in self.doors.iter().filter(|door| door.event.is_some()) {
-            for_each_cell(&grid, door.bounds, MARGIN_M, |cell| held.set(cell, true));
-        }
-        self.sense.normal.hold(&self.held);
     }
 
     pub(crate) fn notice(&mut self, text: String) {
@@ -527,6 +352,12 @@ impl Watch {
         [self.space.on, self.time.on]
     }
 
+    /// How high normal life scored during calibration, declustered, highest first: in space, in time.
+    #[must_use]
+    pub fn peaks(&self) -> [Vec<f64>; 2] {
+        [self.calibration.space.declustered(), self.calibration.time.declustered()]
+    }
+
     /// True if a level is beyond what the calibration proves.
     #[must_use]
     pub fn extrapolated(&self) -> bool {
@@ -553,9 +384,4 @@ impl Watch {
     pub(crate) fn site_bounds(&self) -> [f64; 4] {
         grid_bounds(&self.sense.grid)
     }
-}
-
-fn quarantine_ns(area: &Area) -> u64 {
-    let longest_s = area.timescales_s.last().copied().unwrap_or(0.0);
-    QUARANTINE_NS + (longest_s * SECOND_NS as f64) as u64
 }

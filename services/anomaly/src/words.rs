@@ -132,12 +132,7 @@ pub(crate) fn cleared(
     seconds: f64,
     why: &str,
 ) -> String {
-    format!(
-        "Over after {}: {} {}. {why}",
-        duration(seconds),
-        kind.words(),
-        place(zone, at_m)
-    )
+    format!("Over after {}: {} {}. {why}", duration(seconds), kind.words(), place(zone, at_m))
 }
 
 #[cfg(test)]
