@@ -5,7 +5,7 @@ use crate::clock::monotonic_ns;
 use crate::domain;
 use crate::event_loop::{EVENT_DATA, EVENT_HELLO, EventLoop};
 use crate::instance::Instance;
-use crate::plan::{Kind, Plan, TopicPlan};
+use crate::plan::{Plan, TopicPlan};
 use crate::ports::{BusError, Element, Wire};
 use crate::publisher::Publisher;
 use crate::subscriber::Subscriber;
@@ -170,12 +170,18 @@ impl<H: Header, E: Element> Opened<H, E> {
     }
 }
 
-/// Creates a topic; only the owner does. The factories keep it alive.
+/// What keeps a created topic alive.
+pub(crate) type KeptAlive = Box<dyn std::any::Any>;
+/// [`create_topic`] with its types filled in.
+pub(crate) type CreateTopic =
+    fn(&Node<ipc::Service>, &TopicPlan, usize) -> Result<KeptAlive, BusError>;
+
+/// Creates a topic; only the owner does.
 pub(crate) fn create_topic<H: Header, E: Element>(
     node: &Node<ipc::Service>,
     plan: &TopicPlan,
     node_slots: usize,
-) -> Result<Opened<H, E>, BusError> {
+) -> Result<KeptAlive, BusError> {
     let service = service_name(&plan.name)?;
     let failed = |what, reason: String| BusError::Open { what, topic: plan.name.clone(), reason };
     let data = node
@@ -200,7 +206,7 @@ pub(crate) fn create_topic<H: Header, E: Element>(
         .event_id_max_value(EVENT_HELLO)
         .create()
         .map_err(|error| failed("a new event", error.to_string()))?;
-    Ok(Opened { data, event })
+    Ok(Box::new(Opened { data, event }))
 }
 
 /// Name of the topic on which the reader of `topic` publishes its credit.
@@ -213,7 +219,6 @@ pub(crate) fn credit_plan(topic: &TopicPlan) -> TopicPlan {
     let payload_len_max = topic.publisher_slots() * crate::credit::WORDS;
     TopicPlan {
         name: credit_topic(&topic.name),
-        kind: Kind::Credit,
         publishers: 1,
         readers: topic.publishers + 1,
         buffer: 2, // a table is complete: only the newest matters
@@ -221,6 +226,7 @@ pub(crate) fn credit_plan(topic: &TopicPlan) -> TopicPlan {
         payload_len_max,
         message_bytes_max: 128 + payload_len_max * size_of::<u64>(),
         required_readers: 0,
+        create: create_topic::<BytesHeader, u64>,
     }
 }
 

@@ -5,21 +5,18 @@
 //! creates everything, sweeps up after each child's death, and removes all at the end. Workers
 //! only open.
 
-use crate::bus::{self, Bus};
+use crate::bus::{self, Bus, KeptAlive};
 use crate::clock::{Clock, monotonic_ns, wall_ns};
+use crate::descriptors;
 use crate::event_loop::EventLoop;
 use crate::instance::{Instance, InstanceError, RUN_DIR_BYTES_MAX, make_private_dir};
+use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, wipe};
 use crate::plan::{Plan, TopicPlan};
-use crate::ports::{BusError, Element};
+use crate::ports::BusError;
 use iceoryx2::prelude::{
     Config, FilePath, Node, NodeBuilder, SemanticString, SignalHandlingMode, ipc,
 };
-use protocol::event::EventHeader;
-use protocol::frame::FrameHeader;
-use protocol::grid::{ClassMapHeader, CollapsedMapHeader};
-use protocol::scan::ScanHeader;
 use protocol::site::{Pace, Site, Source};
-use protocol::wire::{BytesHeader, Header};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use std::fs::{self, File};
@@ -29,8 +26,6 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Where shared-memory objects of Linux are files.
-const SHARED_MEMORY_DIR: &str = "/dev/shm";
 /// How long a sweep waits for a dead node that somebody else is sweeping: nobody else does.
 const SWEEP_PATIENCE: Duration = Duration::from_millis(500);
 
@@ -98,7 +93,7 @@ pub struct Owner {
     instance: Instance,
     site: Site,
     // Dropped in this order: services, then the node, then (in `Drop`) the files, then the lock.
-    factories: Vec<Box<dyn std::any::Any>>,
+    factories: Vec<KeptAlive>,
     node: Option<Node<ipc::Service>>,
     lock: File,
 }
@@ -137,6 +132,7 @@ impl Owner {
             started_mono_ns: monotonic_ns(),
             run_dir,
         };
+        kill_recorded(&instance.children_file());
         wipe(&instance);
         check_budget(topics.iter().map(TopicPlan::bytes_max).sum())?;
         let root = instance.iceoryx_root();
@@ -148,7 +144,7 @@ impl Owner {
             source,
         })?;
         instance.store(site)?;
-        raise_descriptor_limit();
+        descriptors::raise_limit();
         let node = create_node(&instance).map_err(|reason| BusError::Open {
             what: "the owner's node",
             topic: instance.site_name.clone(),
@@ -157,7 +153,7 @@ impl Owner {
         let node_slots = plan.node_slots();
         let factories = topics
             .iter()
-            .map(|topic| create(&node, topic, node_slots))
+            .map(|topic| (topic.create)(&node, topic, node_slots))
             .collect::<Result<_, BusError>>()?;
         Ok(Self { instance, site: site.clone(), factories, node: Some(node), lock })
     }
@@ -186,6 +182,15 @@ impl Owner {
     /// If its node cannot be created.
     pub fn bus(&self, events: &EventLoop) -> Result<Bus, BusError> {
         Bus::open_as_owner(&self.instance, &self.site, events)
+    }
+
+    /// Writes down the processes of this run, so that the next owner finds them if this one is
+    /// killed. To be called whenever they change.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn record_children(&self, pids: impl Iterator<Item = u32>) -> std::io::Result<()> {
+        record_children(&self.instance.children_file(), pids)
     }
 
     /// Frees what dead processes held: to be called after each child's exit. Returns how many dead
@@ -226,30 +231,6 @@ fn all_topics(plan: &Plan, lossless: bool) -> Vec<TopicPlan> {
     let credited = |topic: &&TopicPlan| lossless && topic.required_readers > 0;
     let credits: Vec<_> = plan.topics.iter().filter(credited).map(bus::credit_plan).collect();
     plan.topics.iter().cloned().chain(credits).collect()
-}
-
-fn create(
-    node: &Node<ipc::Service>,
-    topic: &TopicPlan,
-    node_slots: usize,
-) -> Result<Box<dyn std::any::Any>, BusError> {
-    fn boxed<H: Header, E: Element>(
-        node: &Node<ipc::Service>,
-        topic: &TopicPlan,
-        node_slots: usize,
-    ) -> Result<Box<dyn std::any::Any>, BusError> {
-        Ok(Box::new(bus::create_topic::<H, E>(node, topic, node_slots)?))
-    }
-    use crate::plan::Kind;
-    match topic.kind {
-        Kind::Scan => boxed::<ScanHeader, f32>(node, topic, node_slots),
-        Kind::Frame => boxed::<FrameHeader, u64>(node, topic, node_slots),
-        Kind::Classes => boxed::<ClassMapHeader, u8>(node, topic, node_slots),
-        Kind::Collapsed => boxed::<CollapsedMapHeader, u64>(node, topic, node_slots),
-        Kind::Bytes => boxed::<BytesHeader, u8>(node, topic, node_slots),
-        Kind::Event => boxed::<EventHeader, u8>(node, topic, node_slots),
-        Kind::Credit => boxed::<BytesHeader, u64>(node, topic, node_slots),
-    }
 }
 
 /// A node of ours: signals are our business, and so is sweeping up.
@@ -319,22 +300,6 @@ fn take_lock(site: &str, run_dir: &Path) -> Result<File, OwnerError> {
     }
 }
 
-/// Removes everything of this instance but the lock. Only its owner may do so.
-fn wipe(instance: &Instance) {
-    let _ = fs::remove_dir_all(instance.iceoryx_root());
-    for entry in fs::read_dir(&instance.run_dir).into_iter().flatten().flatten() {
-        if entry.file_name() != "lock" {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
-    for entry in fs::read_dir(SHARED_MEMORY_DIR).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        if name.as_encoded_bytes().starts_with(instance.prefix.as_bytes()) {
-            let _ = fs::remove_file(entry.path());
-        }
-    }
-}
-
 /// `tog_<16 hex digits>_`: of the run directory and the user, so that the next owner of the directory
 /// finds what a killed one left, and nobody else's. FNV-1a: two directories of a host that
 /// collide in 64 bits are not to be expected.
@@ -355,15 +320,6 @@ fn check_budget(needed: u64) -> Result<(), OwnerError> {
         return Err(OwnerError::SharedMemory { needed_mib, free_mib });
     }
     Ok(())
-}
-
-/// iceoryx2 loses messages in silence when descriptors run out (iceoryx2.md, section 1): about
-/// eight a topic and five a connection, so a large site passes the usual soft limit of 1024.
-pub(crate) fn raise_descriptor_limit() {
-    use rustix::process::{Resource, getrlimit, setrlimit};
-    let mut limit = getrlimit(Resource::Nofile);
-    limit.current = limit.maximum;
-    let _ = setrlimit(Resource::Nofile, limit); // not raised is noticed when they run out
 }
 
 fn iceoryx_config_text(instance: &Instance) -> String {

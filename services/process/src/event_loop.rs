@@ -21,8 +21,9 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::rc::{Rc, Weak};
 
-/// SIGINT and SIGTERM as Linux numbers them on all its architectures.
-const STOP_SIGNALS: [i32; 2] = [2, 15];
+/// SIGHUP, SIGINT and SIGTERM as Linux numbers them on all its architectures.
+const STOP_SIGNALS: [i32; 3] = [SIGHUP, 2, 15];
+const SIGHUP: i32 = 1;
 /// Events taken from the kernel at once; the rest comes with the next wait.
 const EVENTS_MAX: usize = 64;
 /// Most doorbells and file descriptors of one loop: a host's supervisor has a few a process.
@@ -40,7 +41,8 @@ pub(crate) const EVENT_HELLO: usize = 1;
 /// Why [`EventLoop::wait`] returned. Several reasons can hold at once; none is ever lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Wake {
-    /// SIGTERM, SIGINT, a call of [`EventLoop::request_stop`], or the owner died. Stays true.
+    /// SIGTERM, SIGINT, the end of the terminal, a call of [`EventLoop::request_stop`], or the owner died. Stays true, but
+    /// only its first telling cuts a wait short.
     pub stop: bool,
     /// A subscriber (or the credit of a publisher) may have something: take all of it.
     pub data: bool,
@@ -110,7 +112,7 @@ enum Slot {
     Doorbell(Weak<Doorbell>),
     Descriptor,
     /// Readable means: stop.
-    Stop(#[expect(dead_code, reason = "kept open for epoll")] OwnedFd),
+    Stop(OwnedFd),
 }
 
 struct Inner {
@@ -120,6 +122,8 @@ struct Inner {
     signals: OwnedFd,
     signal_ids: Vec<signal_hook::SigId>,
     stop: Cell<bool>,
+    stop_told: Cell<bool>,
+    signals_seen: Cell<u64>,
     slots: RefCell<Vec<Slot>>,
     ready: RefCell<VecDeque<Token>>,
     events: RefCell<Vec<epoll::Event>>,
@@ -147,7 +151,7 @@ pub struct EventLoop {
 }
 
 impl EventLoop {
-    /// A loop that SIGTERM and SIGINT stop.
+    /// A loop that SIGTERM and SIGINT stop, and SIGHUP unless `nohup` asked for it to be ignored.
     ///
     /// # Errors
     /// If the system gives no more file descriptors.
@@ -157,7 +161,8 @@ impl EventLoop {
         let timer = timerfd_create(TimerfdClockId::Monotonic, flags)?;
         let (signals, write_end) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
         let mut signal_ids = Vec::with_capacity(STOP_SIGNALS.len());
-        for signal in STOP_SIGNALS {
+        let under_nohup = is_ignored(SIGHUP);
+        for signal in STOP_SIGNALS.into_iter().filter(|s| *s != SIGHUP || !under_nohup) {
             let write_end = write_end.try_clone()?;
             signal_ids.push(signal_hook::low_level::pipe::register(signal, write_end)?);
         }
@@ -171,6 +176,8 @@ impl EventLoop {
             signals,
             signal_ids,
             stop: Cell::new(false),
+            stop_told: Cell::new(false),
+            signals_seen: Cell::new(0),
             slots: RefCell::new(Vec::new()),
             ready: RefCell::new(VecDeque::new()),
             events: RefCell::new(Vec::with_capacity(EVENTS_MAX)),
@@ -189,7 +196,8 @@ impl EventLoop {
     pub fn wait(&self, deadline_mono_ns: Option<u64>) -> io::Result<Wake> {
         let inner = &*self.inner;
         let due = |now| deadline_mono_ns.is_some_and(|deadline| deadline <= now);
-        let at_once = inner.stop.get() || !inner.ready.borrow().is_empty() || due(monotonic_ns());
+        let untold = inner.stop.get() && !inner.stop_told.get();
+        let at_once = untold || !inner.ready.borrow().is_empty() || due(monotonic_ns());
         if !at_once {
             self.arm(deadline_mono_ns)?;
         }
@@ -206,6 +214,7 @@ impl EventLoop {
             self.take_note(event.data.u64(), &mut wake);
         }
         wake.stop = inner.stop.get();
+        inner.stop_told.set(wake.stop);
         wake.deadline = due(monotonic_ns());
         wake.descriptors = !inner.ready.borrow().is_empty();
         Ok(wake)
@@ -216,7 +225,9 @@ impl EventLoop {
         let mut scratch = [0u8; 64];
         match token {
             SIGNAL => {
-                while read(&inner.signals, &mut scratch).is_ok_and(|bytes| bytes > 0) {}
+                while let Ok(bytes @ 1..) = read(&inner.signals, &mut scratch) {
+                    inner.signals_seen.set(inner.signals_seen.get() + bytes as u64);
+                }
                 inner.stop.set(true);
             }
             TIMER => {
@@ -231,7 +242,10 @@ impl EventLoop {
                     }
                 }
                 Some(Slot::Descriptor) => inner.ready.borrow_mut().push_back(Token(slot)),
-                Some(Slot::Stop(_)) => inner.stop.set(true),
+                Some(Slot::Stop(fd)) => {
+                    inner.stop.set(true);
+                    let _ = epoll::delete(&inner.epoll, fd); // it stays readable: once is enough
+                }
                 Some(Slot::Free) | None => {}
             },
         }
@@ -294,6 +308,12 @@ impl EventLoop {
         self.inner.stop.set(true);
     }
 
+    /// How many SIGTERMs and SIGINTs came: a second Ctrl-C means hurry.
+    #[must_use]
+    pub fn signals(&self) -> u64 {
+        self.inner.signals_seen.get()
+    }
+
     /// How often the process woke: the measure of "nothing polls".
     #[must_use]
     pub fn wakes(&self) -> u64 {
@@ -342,4 +362,12 @@ impl EventLoop {
         }
         Ok(Token(token))
     }
+}
+
+/// True if a signal is ignored, which who started us decided.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok()).unwrap_or(0);
+    mask >> (signal - 1) & 1 == 1
 }

@@ -148,6 +148,10 @@ impl Instance {
         self.run_dir.join("iceoryx2.toml")
     }
 
+    pub(crate) fn children_file(&self) -> PathBuf {
+        self.run_dir.join("children")
+    }
+
     pub(crate) fn iceoryx_root(&self) -> PathBuf {
         self.run_dir.join("iox")
     }

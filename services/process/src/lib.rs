@@ -59,10 +59,12 @@
 pub mod bus;
 pub mod clock;
 pub mod credit;
+pub mod descriptors;
 pub mod domain;
 pub mod event_loop;
 pub mod health;
 pub mod instance;
+mod leftovers;
 pub mod logging;
 pub mod loss;
 pub mod plan;

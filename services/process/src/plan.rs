@@ -1,37 +1,17 @@
 //! Pure: the services of shared memory that a site needs, how many ports each has, and how much
 //! memory that takes. The owner creates exactly this; workers find their limits here.
 
-use bytemuck::Pod;
+use crate::bus::{CreateTopic, create_topic};
+use crate::ports::Element;
 use protocol::site::Site;
 use protocol::topic::{self, Topic};
 use protocol::wire::Header;
 
-/// Layout of a topic's messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// `ScanHeader` + `[f32]`.
-    Scan,
-    /// `FrameHeader` + `[u64]`.
-    Frame,
-    /// `ClassMapHeader` + `[u8]`.
-    Classes,
-    /// `CollapsedMapHeader` + `[u64]`.
-    Collapsed,
-    /// `BytesHeader` + `[u8]`: encoded messages.
-    Bytes,
-    /// `EventHeader` + `[u8]`: encoded event changes.
-    Event,
-    /// `BytesHeader` + `[u64]`: how far a reader is, see [`crate::credit`].
-    Credit,
-}
-
 /// Size of one topic. `buffer` is per publisher and reader.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct TopicPlan {
     /// Name of the topic.
     pub name: String,
-    /// Layout of its messages.
-    pub kind: Kind,
     /// Processes that publish.
     pub publishers: usize,
     /// Readers whose memory is set aside: those of the plan and one more, a recorder or bridge.
@@ -46,6 +26,8 @@ pub struct TopicPlan {
     pub message_bytes_max: usize,
     /// Readers that a lossless publisher waits for; 0 if it waits for nobody.
     pub required_readers: usize,
+    /// How the owner creates it, with the types of its messages.
+    pub(crate) create: CreateTopic,
 }
 
 /// Messages that a reader holds at once: one in hand, and one kept while the next is looked at.
@@ -74,16 +56,10 @@ const EVENT_BYTES_MAX: usize = 8 << 10;
 const ACKNOWLEDGEMENT_BYTES_MAX: usize = 1 << 10;
 
 impl TopicPlan {
-    fn new<H: Header, E: Pod>(
-        kind: Kind,
-        topic: &Topic<H, E>,
-        publishers: usize,
-        readers: usize,
-    ) -> Self {
+    fn new<H: Header, E: Element>(topic: &Topic<H, E>, publishers: usize, readers: usize) -> Self {
         let payload_len_max = topic.payload_len_max();
         Self {
             name: topic.name().to_owned(),
-            kind,
             publishers,
             readers: readers + 1,
             buffer: 2,
@@ -91,10 +67,11 @@ impl TopicPlan {
             payload_len_max,
             message_bytes_max: message_bytes::<H, E>(payload_len_max),
             required_readers: 0,
+            create: create_topic::<H, E>,
         }
     }
 
-    fn at_most<H: Header, E: Pod>(mut self, _: &Topic<H, E>, payload_len_max: usize) -> Self {
+    fn at_most<H: Header, E: Element>(mut self, _: &Topic<H, E>, payload_len_max: usize) -> Self {
         self.payload_len_max = payload_len_max;
         self.message_bytes_max = message_bytes::<H, E>(payload_len_max);
         self
@@ -150,7 +127,7 @@ fn message_bytes<H, E>(payload_len_max: usize) -> usize {
 }
 
 /// All topics of a site.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct Plan {
     /// One a topic.
     pub topics: Vec<TopicPlan>,
@@ -168,38 +145,27 @@ impl Plan {
             let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
             let (id, grid) = (&area.id, area.grid());
             let scan = topic::scan(id);
-            topics.push(
-                TopicPlan::new(Kind::Scan, &scan, lasers, 1)
-                    .buffered(SCAN_BUFFER, 0)
-                    .lossless_for(1),
-            );
+            topics.push(TopicPlan::new(&scan, lasers, 1).buffered(SCAN_BUFFER, 0).lossless_for(1));
             let frame = topic::frame(id, grid.plane_words());
-            topics.push(
-                TopicPlan::new(Kind::Frame, &frame, 1, 1).buffered(FRAME_BUFFER, 0).lossless_for(1),
-            );
+            topics.push(TopicPlan::new(&frame, 1, 1).buffered(FRAME_BUFFER, 0).lossless_for(1));
             let classes = topic::classes(id, grid.cells());
-            let plan = TopicPlan::new(Kind::Classes, &classes, 1, 1).buffered(CLASSES_BUFFER, 0);
+            let plan = TopicPlan::new(&classes, 1, 1).buffered(CLASSES_BUFFER, 0);
             topics.push(plan.lossless_for(1));
             // A message holds one context, so a late reader gets one of each.
             let contexts = area.contexts.len() + 1;
             let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
-            topics.push(
-                TopicPlan::new(Kind::Collapsed, &collapsed, 1, 1)
-                    .buffered(contexts.max(2), contexts),
-            );
+            topics.push(TopicPlan::new(&collapsed, 1, 1).buffered(contexts.max(2), contexts));
         }
         let event = topic::event();
-        let plan =
-            TopicPlan::new(Kind::Event, &event, areas + 1, 1).at_most(&event, EVENT_BYTES_MAX);
+        let plan = TopicPlan::new(&event, areas + 1, 1).at_most(&event, EVENT_BYTES_MAX);
         topics.push(plan.buffered(EVENT_BUFFER, 0));
         // One acknowledgement an origin, so that each finds its own although others follow it.
         let acknowledgement = topic::event_acknowledgement();
-        let plan = TopicPlan::new(Kind::Bytes, &acknowledgement, 1, areas + 1)
+        let plan = TopicPlan::new(&acknowledgement, 1, areas + 1)
             .at_most(&acknowledgement, ACKNOWLEDGEMENT_BYTES_MAX);
         topics.push(plan.buffered(2 * (areas + 1) + 14, areas + 1));
         let processes = 1 + 3 * areas + site.lasers.len();
-        let health =
-            TopicPlan::new(Kind::Bytes, &topic::health(), processes, 1).buffered(HEALTH_BUFFER, 0);
+        let health = TopicPlan::new(&topic::health(), processes, 1).buffered(HEALTH_BUFFER, 0);
         topics.push(health);
         Self { topics, processes }
     }

@@ -2,7 +2,7 @@
 
 use crate::bus::Bus;
 use crate::clock::monotonic_ns;
-use crate::domain::raise_descriptor_limit;
+use crate::descriptors;
 use crate::event_loop::{EventLoop, Wake};
 use crate::health::HealthReporter;
 use crate::instance::{Instance, InstanceError};
@@ -73,7 +73,7 @@ pub struct Worker {
 
 impl Worker {
     fn start(role: Role, run_dir: &Path) -> Result<Self, Failure> {
-        raise_descriptor_limit();
+        descriptors::raise_limit();
         let events = EventLoop::new()?;
         let instance = Instance::load(run_dir)?;
         let site = instance.site()?;

@@ -1,0 +1,276 @@
+//! One process of the site: started, listened to, killed, counted.
+
+use crate::output::{Lines, Output};
+use crate::policy::{End, RestartPolicy};
+use crate::report::{ProcessState, ServiceStatus};
+use process::{EventLoop, Interest, Role, Token, monotonic_ns};
+use protocol::health::{Health, ServiceState};
+use rustix::io::read;
+use rustix::pipe::{PipeFlags, pipe_with};
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+/// Bytes of log that are taken from a process at once, so that a chatty one leaves room to the others.
+const LOG_BYTES_AT_ONCE: usize = 64 << 10;
+
+/// A process of the site, whether it runs or not.
+#[derive(Debug)]
+pub struct Service {
+    /// Its role.
+    pub role: Role,
+    /// Its name.
+    pub name: String,
+    /// Its position in the plan.
+    pub index: usize,
+    /// When it is started again.
+    pub policy: RestartPolicy,
+    /// CLOCK_MONOTONIC of its next start, if one is due.
+    pub start_at_ns: Option<u64>,
+    /// Starts after the first.
+    pub restarts: u64,
+    /// Its last end.
+    pub last_end: Option<End>,
+    running: Option<Running>,
+    started_before: bool,
+    health: Option<Health>,
+    heard_mono_ns: Option<u64>,
+    lines: Lines,
+}
+
+#[derive(Debug)]
+struct Running {
+    child: Child,
+    pidfd: OwnedFd,
+    exit: Token,
+    log: OwnedFd,
+    log_token: Option<Token>,
+    started_mono_ns: u64,
+    asked_to_stop_ns: Option<u64>,
+    killed: bool,
+}
+
+impl Service {
+    /// A process that was not started yet.
+    #[must_use]
+    pub fn new(role: Role, index: usize) -> Self {
+        Self {
+            name: role.to_string(),
+            role,
+            index,
+            policy: RestartPolicy::default(),
+            start_at_ns: Some(0),
+            restarts: 0,
+            last_end: None,
+            running: None,
+            started_before: false,
+            health: None,
+            heard_mono_ns: None,
+            lines: Lines::default(),
+        }
+    }
+
+    /// Starts it.
+    ///
+    /// # Errors
+    /// If the system starts no process.
+    pub fn start(&mut self, run_dir: &Path, events: &EventLoop) -> io::Result<()> {
+        self.start_at_ns = None;
+        self.restarts += u64::from(self.started_before);
+        self.started_before = true;
+        (self.health, self.heard_mono_ns) = (None, None);
+        let (log, write_end) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
+        // Only our end does not block: a worker waits for a full pipe as for any stderr.
+        rustix::fs::fcntl_setfl(&write_end, rustix::fs::OFlags::empty())?;
+        process::descriptors::close_on_exec();
+        // The file of this very program, even if a newer one was installed in its place since.
+        let child = Command::new("/proc/self/exe")
+            .arg0("tog")
+            .arg(self.role.service())
+            .arg("--instance")
+            .arg(run_dir)
+            .args(self.role.arguments())
+            .env(process::logging::SUPERVISED, "1")
+            .stdin(Stdio::null())
+            .stdout(Stdio::from(write_end.try_clone()?))
+            .stderr(Stdio::from(write_end))
+            .process_group(0) // Ctrl-C of the terminal is for us: we stop them in order
+            .spawn()?;
+        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
+        let exit = events.watch(&pidfd, Interest::Read)?;
+        let log_token = Some(events.watch(&log, Interest::Read)?);
+        self.running = Some(Running {
+            child,
+            pidfd,
+            exit,
+            log,
+            log_token,
+            started_mono_ns: monotonic_ns(),
+            asked_to_stop_ns: None,
+            killed: false,
+        });
+        Ok(())
+    }
+
+    /// Its process id, while it runs.
+    #[must_use]
+    pub fn pid(&self) -> Option<u32> {
+        self.running.as_ref().map(|running| running.child.id())
+    }
+
+    /// True if this descriptor is its log.
+    #[must_use]
+    pub fn logs_on(&self, token: Token) -> bool {
+        self.running.as_ref().is_some_and(|running| running.log_token == Some(token))
+    }
+
+    /// True if this descriptor tells its end.
+    #[must_use]
+    pub fn ends_on(&self, token: Token) -> bool {
+        self.running.as_ref().is_some_and(|running| running.exit == token)
+    }
+
+    /// Takes what it wrote.
+    pub fn take_log(&mut self, events: &EventLoop, output: &mut Output) {
+        let Some(running) = &mut self.running else { return };
+        let Some(token) = running.log_token else { return };
+        let mut buffer = [0u8; 4096];
+        let (name, index) = (&self.name, self.index);
+        for _ in 0..LOG_BYTES_AT_ONCE / buffer.len() {
+            match read(&running.log, &mut buffer) {
+                Ok(0) => {
+                    // It closed stderr but lives: nothing comes any more.
+                    let _ = events.unwatch(token, &running.log);
+                    running.log_token = None;
+                    return;
+                }
+                Ok(bytes) => {
+                    self.lines.take(&buffer[..bytes], |line| output.line(index, name, line));
+                }
+                Err(_) => return, // empty for now
+            }
+        }
+    }
+
+    /// Buries it if it has ended: takes its last words and says how it ended.
+    pub fn take_end(&mut self, events: &EventLoop, output: &mut Output) -> Option<End> {
+        let status = self.running.as_mut()?.child.try_wait().ok()??;
+        self.take_log(events, output);
+        let (name, index) = (&self.name, self.index);
+        self.lines.end(|line| output.line(index, name, line));
+        let running = self.running.take()?;
+        let _ = events.unwatch(running.exit, &running.pidfd);
+        if let Some(token) = running.log_token {
+            let _ = events.unwatch(token, &running.log);
+        }
+        let end = match (status.code(), status.signal()) {
+            (Some(code), _) => End::Exit(code),
+            (None, signal) => End::Signal(signal.unwrap_or(0)),
+        };
+        self.last_end = Some(end);
+        Some(end)
+    }
+
+    /// Takes its health.
+    pub fn heard(&mut self, health: Health) {
+        let now_ns = monotonic_ns();
+        // The last words of its predecessor are not its own.
+        if self.pid() == Some(health.pid) {
+            self.heard_mono_ns = Some(now_ns);
+            self.policy.ready(now_ns);
+            self.health = Some(health);
+        }
+    }
+
+    /// CLOCK_MONOTONIC when it was last known to live: its last health, or its start.
+    #[must_use]
+    pub fn last_sign_ns(&self) -> Option<u64> {
+        let running = self.running.as_ref()?;
+        Some(self.heard_mono_ns.unwrap_or(0).max(running.started_mono_ns))
+    }
+
+    /// True if it says that the recording is over.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.health.as_ref().is_some_and(|health| health.state == ServiceState::Ended)
+    }
+
+    /// Asks it to stop, once.
+    pub fn ask_to_stop(&mut self) {
+        if let Some(running) = &mut self.running
+            && running.asked_to_stop_ns.is_none()
+        {
+            running.asked_to_stop_ns = Some(monotonic_ns());
+            // The child is not reaped yet, so the id is its own.
+            let _ = kill_process(Pid::from_child(&running.child), Signal::TERM);
+        }
+    }
+
+    /// When it was asked to stop.
+    #[must_use]
+    pub fn asked_to_stop_ns(&self) -> Option<u64> {
+        self.running.as_ref()?.asked_to_stop_ns
+    }
+
+    /// Kills it, whatever it does. Returns true the first time.
+    pub fn kill(&mut self) -> bool {
+        let Some(running) = &mut self.running else { return false };
+        let first = !std::mem::replace(&mut running.killed, true);
+        if first {
+            let _ = kill_process(Pid::from_child(&running.child), Signal::KILL);
+        }
+        first
+    }
+
+    /// True if it was killed and is not buried yet.
+    #[must_use]
+    pub fn is_dying(&self) -> bool {
+        self.running.as_ref().is_some_and(|running| running.killed)
+    }
+
+    /// The last lines that it wrote.
+    pub fn last_words(&self) -> impl Iterator<Item = &str> {
+        self.lines.last_words()
+    }
+
+    /// For `tog status`.
+    #[must_use]
+    pub fn status(&self) -> ServiceStatus {
+        let now_ns = monotonic_ns();
+        let age_s = |since_ns: u64| now_ns.saturating_sub(since_ns) as f64 / 1e9;
+        let health = self.health.clone();
+        let state = match (&self.running, health.as_ref().map(|health| health.state)) {
+            (_, Some(ServiceState::Ended)) => ProcessState::Ended,
+            (None, _) => ProcessState::Waiting,
+            (Some(_), None | Some(ServiceState::Starting)) => ProcessState::Starting,
+            (Some(_), Some(ServiceState::Running)) => ProcessState::Running,
+            (Some(_), Some(ServiceState::Degraded)) => ProcessState::Degraded,
+        };
+        let health = health.unwrap_or_default();
+        ServiceStatus {
+            name: self.name.clone(),
+            state,
+            pid: self.pid(),
+            restarts: self.restarts,
+            up_s: self.running.as_ref().map(|running| age_s(running.started_mono_ns)),
+            health_age_s: self.heard_mono_ns.map(age_s),
+            last_end: self.last_end.map(|end| end.to_string()),
+            counters: health.counters,
+            gauges: health.gauges,
+            faults: health.faults,
+        }
+    }
+}
+
+impl Drop for Service {
+    /// Whatever happens to the supervisor, no process of it stays.
+    fn drop(&mut self) {
+        if let Some(running) = &mut self.running {
+            let _ = running.child.kill();
+            let _ = running.child.wait();
+        }
+    }
+}
