@@ -11,6 +11,9 @@ use std::time::Duration;
 /// Nothing here takes longer than seconds; a machine that is busy with other work may be slow.
 const WATCHDOG: Duration = Duration::from_secs(60);
 
+/// How long a process that a failed test leaves may take to end.
+const PATIENCE: Duration = Duration::from_secs(5);
+
 struct Probe {
     child: Child,
     stdin: Option<ChildStdin>,
@@ -57,7 +60,14 @@ impl Probe {
 }
 
 impl Drop for Probe {
+    /// Lets it end by itself, so that an owner removes what is its own; kills it if it does not.
     fn drop(&mut self) {
+        drop(self.stdin.take());
+        if matches!(self.child.try_wait(), Ok(None)) {
+            let pid = rustix::process::Pid::from_child(&self.child);
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+            while self.lines.recv_timeout(PATIENCE).is_ok() {}
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

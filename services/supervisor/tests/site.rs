@@ -89,6 +89,9 @@ impl Drop for Run {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
+        for pid in processes_of(self.root.path()) {
+            kill(pid, Signal::KILL);
+        }
         remove_shared_memory(&self.root.path().join(&self.name));
     }
 }
@@ -137,7 +140,7 @@ fn a_site_ends_by_itself_after_its_seconds() {
 fn a_lossless_recording_passes_all_processes_and_ends_the_site() {
     let (code, text) = Run::start("recording", "").end();
     assert_eq!(code, Some(0), "{text}");
-    assert!(text.contains("anomaly a    passed 3000 lost 0"), "{text}");
+    assert!(text.contains("anomaly a  passed 3000 lost 0"), "{text}");
     assert!(text.contains("the recording is over"), "{text}");
 }
 
@@ -174,7 +177,7 @@ fn a_wrong_configuration_stops_the_site_and_is_named() {
 }
 
 #[test]
-fn a_service_that_always_fails_is_told_ready_and_tried_again() {
+fn a_service_that_fails_after_it_was_ready_is_tried_for_ever() {
     let mut run = Run::start("broken", "");
     // It opened its ports and told its health before it failed, so it is tried for ever.
     run.wait_for("five attempts", |run| {
@@ -221,11 +224,11 @@ fn a_service_that_hangs_is_killed_and_comes_back() {
 fn a_killed_supervisor_leaves_no_process_and_the_next_one_starts() {
     let mut run = Run::start("live", "");
     let report = run.wait_until_healthy();
-    // A stopped worker cannot notice: the next supervisor finds it.
+    // Stopped, it cannot notice; if it is stopped by now, the kernel wakes it (an orphaned group).
     kill(pids(&report)["mapper a"], Signal::STOP);
     run.signal(Signal::KILL);
     run.wait_for("the end of the workers", |run| {
-        (processes_of(run.root.path()).len() == 1).then_some(())
+        (processes_of(run.root.path()).len() <= 1).then_some(())
     });
     let _ = run.child.wait();
     let root = run.root.path().to_str().unwrap().to_owned();
