@@ -59,6 +59,12 @@ impl ReplaySource {
         &self.topic
     }
 
+    /// What it is, for the log.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        format!("the replay of {} topic {}", self.path.display(), self.topic)
+    }
+
     /// Bytes of the recording that were read.
     #[must_use]
     pub fn position_bytes(&self) -> u64 {
@@ -77,7 +83,7 @@ impl ReplaySource {
                 Some(Ok(found)) => found.scan,
                 Some(Err(error @ RecordingError::Message { .. })) => {
                     self.refused += 1;
-                    if self.refused == 1 {
+                    if is_told(self.refused) {
                         self.note("message_refused", error.to_string());
                     }
                     continue;
@@ -104,7 +110,7 @@ impl ReplaySource {
         })?;
         let after = *self.gate.counts();
         let (number, topic) = (after.offered, self.topic.clone());
-        if after.disorders > before.disorders {
+        if after.disorders > before.disorders && is_told(after.disorders) {
             let stamp_ns = scan.stamp_ns;
             self.note(
                 "scans_out_of_order",
@@ -114,7 +120,7 @@ impl ReplaySource {
                 ),
             );
         }
-        if after.geometry_changes > before.geometry_changes {
+        if after.geometry_changes > before.geometry_changes && is_told(after.geometry_changes) {
             let (found, beams) = (scan.geometry, scan.ranges_m.len());
             self.note(
                 "geometry_changed",
@@ -156,4 +162,10 @@ impl ReplaySource {
     pub fn take_oddities(&mut self) -> Vec<Oddity> {
         std::mem::take(&mut self.oddities)
     }
+}
+
+/// True for the changes that are told: the 1st, 2nd, 4th, 8th, so that a recording in which every second
+/// scan is odd does not fill the log; all are counted.
+fn is_told(count: u64) -> bool {
+    count.is_power_of_two()
 }

@@ -66,6 +66,13 @@ impl SimulatorSource {
         u64::try_from(skipped).unwrap_or(u64::MAX)
     }
 
+    /// What it is, for the log.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let rate_hz = self.rate_microhertz as f64 / MICROHERTZ;
+        format!("the simulation of scene {} at {rate_hz} Hz", self.world.scene().name)
+    }
+
     /// Totals.
     #[must_use]
     pub fn counts(&self) -> SourceCounts {

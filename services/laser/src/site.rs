@@ -3,8 +3,9 @@
 use crate::replay::ReplaySource;
 use crate::simulator::SimulatorSource;
 use crate::source::{Source, SourceError};
+use process::Clock;
 use protocol::scan::LaserScan;
-use protocol::site::{self, Laser, Site};
+use protocol::site::{self, Laser, Pace, Site};
 use scene::{LaserSpec, SCENE_BYTES_MAX, Scene};
 use std::io::Read;
 use std::path::Path;
@@ -88,4 +89,30 @@ pub fn replay_begin_ns(site: &Site, base_dir: &Path) -> Result<Option<u64>, Sour
         }
     }
     Ok(begin_ns)
+}
+
+/// The clock of a site: the host's for live and simulated lasers; one that begins with the recordings at
+/// `start_mono_ns` of CLOCK_MONOTONIC and runs at their pace; none for a lossless replay.
+///
+/// `start_mono_ns` should leave the services a moment to start: scans before it are not lost, later
+/// ones that nobody reads yet are.
+///
+/// # Errors
+/// As [`replay_begin_ns`].
+pub fn site_clock(site: &Site, base_dir: &Path, start_mono_ns: u64) -> Result<Clock, SourceError> {
+    let pace = site.lasers.iter().find_map(|laser| match laser.source {
+        site::Source::Replay { pace, .. } => Some(pace),
+        site::Source::Simulator { .. } => None,
+    });
+    let rate = match pace {
+        None => return Ok(Clock::Wall),
+        Some(Pace::Lossless) => {
+            replay_begin_ns(site, base_dir)?; // a bad recording is told before anything starts
+            return Ok(Clock::EventTime);
+        }
+        Some(Pace::RealTime) => 1.0,
+        Some(Pace::Times(times)) => times,
+    };
+    let start_site_ns = replay_begin_ns(site, base_dir)?.unwrap_or(0);
+    Ok(Clock::Scaled { start_site_ns, start_mono_ns, rate })
 }

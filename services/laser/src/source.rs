@@ -65,7 +65,7 @@ impl SourceError {
     }
 }
 
-/// Something odd that a source met, told once a change, not once a scan.
+/// Something odd that a source met, told at the 1st, 2nd, 4th, 8th.. change, not once a scan.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Oddity {
     /// Short and stable: `scans_out_of_order`, `geometry_changed`, `message_refused`.
@@ -94,6 +94,15 @@ impl Source {
                 source.next(scan);
                 Ok(true)
             }
+        }
+    }
+
+    /// What it is, for the log.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        match self {
+            Self::Replay(source) => source.describe(),
+            Self::Simulator(source) => source.describe(),
         }
     }
 
