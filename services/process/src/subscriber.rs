@@ -83,7 +83,9 @@ impl<H: Header, E: Element> Subscriber<H, E> {
         Ok(Self { port, doorbell, topic, losses, connections_failed, credit })
     }
 
-    /// The next message, or `None` if there is none now. The caller must check the payload's length
+    /// The next message, or `None` if there is none now, or if it is time to [`crate::EventLoop::wait`]
+    /// again: after 64 messages the others have their turn (signals, deadlines, health), and that
+    /// wait returns at once. The caller must check the payload's length
     /// against the header: nothing but the layout is guaranteed. Messages of one source come in
     /// order, those of several are not ordered among each other.
     ///
@@ -96,7 +98,8 @@ impl<H: Header, E: Element> Subscriber<H, E> {
             credit.publisher.serve_late_readers();
             credit.announce();
         }
-        match self.port.receive() {
+        let received = if self.doorbell.may_take() { self.port.receive() } else { Ok(None) };
+        match received {
             Ok(Some(message)) => {
                 self.losses.observe(message.user_header().0.envelope());
                 Ok(Some(Sample { message }))

@@ -194,6 +194,16 @@ fn both_signals_end_a_waiting_worker() {
 }
 
 #[test]
+fn a_flood_does_not_keep_a_reader_from_its_signals() {
+    let domain = domain("real_time");
+    let receiver = start_up(&["receive"], &domain);
+    let sender = start_up(&["send", "1000000000", "0"], &domain);
+    receiver.signal(rustix::process::Signal::TERM);
+    assert_eq!(receiver.line(), "stopped");
+    sender.signal(rustix::process::Signal::KILL); // it never waits: nothing holds it up
+}
+
+#[test]
 fn a_waiting_process_sleeps() {
     let domain = domain("real_time");
     let idle = start_up(&["idle", "3"], &domain);
