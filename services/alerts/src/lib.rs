@@ -9,6 +9,10 @@
 //! - **Nothing twice, nothing lost, nothing silent.** `(origin, sequence)` is unique in the journal.
 //!   An origin keeps a change until it is acknowledged, and a change is acknowledged only once it is
 //!   on disk. A change that nobody can deliver any more is a row in the table `gap` and a warning.
+//! - **The contract of an origin**: keep what is not acknowledged (the highest number counts). Send
+//!   it again when an acknowledgement comes from a new session (the service was restarted), or
+//!   repeats a number (something before is missing). An acknowledgement beyond the own last number
+//!   means that the origin lost its count: go on behind it.
 //! - **In order.** Changes of one origin are journaled in the order of their sequence numbers.
 //! - **The journal is the queue.** A client of the feed is a cursor into the journal: history and
 //!   live are the same query, so there is no seam between them for a hole or a double.

@@ -42,6 +42,9 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         acknowledgements: worker.bus.publisher(&topic::event_acknowledgement(), 0)?,
         garbage: 0,
     };
+    // To all, also to those of whom nothing is known: what was sent while no service ran is lost, and
+    // the acknowledgement of a new session asks for it.
+    service.acknowledge(Vec::new(), worker);
     service.handle(report, worker);
     worker.health.set_state(ServiceState::Running);
     loop {
@@ -142,7 +145,9 @@ impl Service {
                 tracing::info!("{sentence} (not on disk yet)");
             }
         }
-        self.acknowledge(report.acknowledgements, worker);
+        if !report.acknowledgements.is_empty() {
+            self.acknowledge(report.acknowledgements, worker);
+        }
         let faults = self.keeper.faults();
         for code in FAULT_CODES {
             let fault = faults.iter().find(|fault| fault.code == code);
@@ -150,12 +155,9 @@ impl Service {
         }
     }
 
-    /// Publishes what origins may forget. The topic keeps as many messages for late readers as the
+    /// Publishes what origins may forget: those of the site and the `wanted` ones. The topic keeps as many messages for late readers as the
     /// site has origins, so all of them are said each time: a restarted origin finds its own.
     fn acknowledge(&mut self, wanted: Vec<EventAcknowledgement>, worker: &Worker) {
-        if wanted.is_empty() {
-            return;
-        }
         let of_site: Vec<&str> =
             worker.site.areas.iter().map(|area| area.id.as_str()).chain([HOST]).collect();
         let others: BTreeMap<String, u64> = wanted

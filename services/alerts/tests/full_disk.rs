@@ -4,7 +4,7 @@
 
 use alerts::journal::JOURNAL_FILE;
 use alerts::keeper::ORIGIN;
-use alerts::{Keeper, Now};
+use alerts::{Keeper, Now, Report};
 use protocol::event::{EventChange, EventKind, EventState};
 use protocol::time::SECOND_NS;
 use std::io::Write;
@@ -79,6 +79,20 @@ fn change(sequence: u64) -> EventChange {
     }
 }
 
+/// Room comes back when the last descriptor of the ballast is closed, and a process that another
+/// test is just starting may hold a copy for a moment.
+fn tick_until_written(keeper: &mut Keeper) -> Report {
+    let began = std::time::Instant::now();
+    for mono_s in (100..).step_by(100) {
+        let report = keeper.tick(now(mono_s));
+        if keeper.faults().is_empty() {
+            return report;
+        }
+        assert!(began.elapsed().as_secs() < 60, "{:?}", keeper.faults());
+    }
+    unreachable!("numbers do not end")
+}
+
 fn journaled(path: &Path, now: Now) -> Vec<(String, u64)> {
     let (keeper, _) = Keeper::open(path, now).unwrap();
     let rows = keeper.after(0, 9999).unwrap();
@@ -111,9 +125,8 @@ fn a_disk_that_fills_up_loses_nothing_and_the_journal_goes_on_when_there_is_room
     assert!(keeper.tick(now(2)).told.is_empty());
     assert_eq!(keeper.faults().len(), 1, "still full");
     disk.make_room();
-    let report = keeper.tick(now(100));
+    let report = tick_until_written(&mut keeper);
     assert_eq!(report.acknowledgements[0].sequence, sequence);
-    assert_eq!(keeper.faults(), []);
     drop(keeper);
     let rows = journaled(&disk.journal(), now(101));
     let of_foyer: Vec<u64> = rows
@@ -142,8 +155,7 @@ fn a_service_that_starts_on_a_full_disk_tells_and_journals_later() {
     let report = keeper.offer(vec![change(sequence)], now(1));
     assert_eq!(report.told, [(change(sequence), false)]);
     disk.make_room();
-    keeper.tick(now(100));
-    assert_eq!(keeper.faults(), []);
+    tick_until_written(&mut keeper);
     assert_eq!(keeper.acknowledgement("foyer").unwrap().sequence, sequence);
     drop(keeper);
     let rows = journaled(&disk.journal(), now(101));

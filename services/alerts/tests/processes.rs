@@ -210,12 +210,12 @@ fn own(run_root: &Path) {
     }
 }
 
-/// Sends `count` changes, keeps what is not acknowledged, and sends again what an acknowledgement
-/// shows to be missing: the contract of an origin.
+/// Sends `count` changes and keeps what is not acknowledged; sends it again when an acknowledgement
+/// comes from a new service (another session), or does not get on: the contract of an origin.
 fn originate(worker: &mut Worker, count: u64) -> Result<(), Failure> {
     let mut changes = worker.bus.publisher(&topic::event(), 0)?;
     let mut acknowledgements = worker.bus.subscriber(&topic::event_acknowledgement())?;
-    let (mut sent, mut acknowledged) = (0, 0);
+    let (mut sent, mut acknowledged, mut session) = (0, 0, 0);
     // A message that is none, among those that are.
     changes.send(EventHeader::default(), b"garbage")?;
     let mut publish = |sequence| {
@@ -228,13 +228,17 @@ fn originate(worker: &mut Worker, count: u64) -> Result<(), Failure> {
             if ack.origin != "a" {
                 continue;
             }
-            if ack.sequence == acknowledged && sent > acknowledged {
-                // Nothing new on disk although there should be: the service was away.
+            // A new service may have got nothing of what its predecessor was sent; an old one that
+            // does not get on misses something.
+            let is_new =
+                std::mem::replace(&mut session, message.header().envelope.session) != session;
+            let is_stuck = ack.sequence == acknowledged;
+            acknowledged = acknowledged.max(ack.sequence);
+            if is_new || is_stuck {
                 for sequence in acknowledged + 1..=sent {
                     publish(sequence)?;
                 }
             }
-            acknowledged = acknowledged.max(ack.sequence);
         }
         if sent < count && sent < acknowledged + 8 {
             sent += 1;
@@ -245,15 +249,8 @@ fn originate(worker: &mut Worker, count: u64) -> Result<(), Failure> {
         if acknowledged == count {
             say("all acknowledged");
         }
-        // Sent while nobody listened: a new service says at its start what it has, unless it has
-        // nothing yet; then the first change is sent again with the next beat.
-        let beat = process::monotonic_ns() + 100_000_000;
-        let wake = worker.wait(Some(beat))?;
-        if wake.stop {
+        if worker.wait(None)?.stop {
             return Ok(());
-        }
-        if wake.deadline && acknowledged == 0 && sent > 0 {
-            publish(1)?;
         }
     }
 }

@@ -68,9 +68,15 @@ impl JournalError {
     /// Sorts an error of SQLite by what is to be done about it.
     pub(super) fn from_sqlite(path: &Path, error: &rusqlite::Error) -> Self {
         let path = path.to_owned();
-        let detail = error.to_string();
+        // The extended code says which operation failed: read, write, sync, map.
+        let detail = match error.sqlite_error() {
+            Some(failure) => format!("{error}, SQLite code {}", failure.extended_code),
+            None => error.to_string(),
+        };
         match error.sqlite_error_code() {
             Some(ErrorCode::DiskFull) => Self::Full { path, detail },
+            // SQLite says "disk I/O error" when there is no room for its index of the log.
+            Some(ErrorCode::SystemIoFailure) if has_no_room(&path) => Self::Full { path, detail },
             Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase) => {
                 Self::Damaged { path, detail }
             }
@@ -86,4 +92,12 @@ impl JournalError {
             _ => Self::Unusable { path, detail },
         }
     }
+}
+
+/// True if the disk under `path` has less room than the smallest write needs.
+fn has_no_room(path: &Path) -> bool {
+    const NEEDED_BYTES: u64 = 64 * 1024; // a log and its index, 32 kB each
+    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    rustix::fs::statvfs(directory.unwrap_or(Path::new(".")))
+        .is_ok_and(|disk| disk.f_bavail.saturating_mul(disk.f_frsize) < NEEDED_BYTES)
 }

@@ -243,10 +243,9 @@ impl Keeper {
         trouble.into_iter().chain(self.reused.clone()).collect()
     }
 
-    /// What `origin` may forget; none if the journal does not know it, or cannot be read.
+    /// What `origin` may forget; none if the journal cannot be read.
     #[must_use]
     pub fn acknowledgement(&self, origin: &str) -> Option<EventAcknowledgement> {
-        self.intake.next_of(origin)?;
         let sequence = self.journal.as_ref()?.highest_contiguous(origin).ok()?;
         Some(EventAcknowledgement { origin: origin.to_owned(), sequence })
     }
