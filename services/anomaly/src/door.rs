@@ -34,18 +34,19 @@ pub(crate) struct Door {
 
 impl Door {
     /// Takes what its cells show: how many show something, how many nothing, of those that can be
-    /// seen. True if it is open now.
-    pub(crate) fn observe(&mut self, present: usize, absent: usize, stamp_ns: u64) -> bool {
+    /// seen. `Some(open)`, or `None` if too little is seen to tell: then it stays what it was.
+    pub(crate) fn observe(&mut self, present: usize, absent: usize, stamp_ns: u64) -> Option<bool> {
         let seen = present + absent;
-        if 2 * seen >= self.cells.len() {
-            let share = absent as f64 / seen as f64;
-            if share >= OPEN_SHARE {
-                self.open_since_ns.get_or_insert(stamp_ns);
-            } else if share <= SHUT_SHARE {
-                self.open_since_ns = None;
-            }
+        if 2 * seen < self.cells.len() {
+            return None;
         }
-        self.open_since_ns.is_some()
+        let share = absent as f64 / seen as f64;
+        if share >= OPEN_SHARE {
+            self.open_since_ns.get_or_insert(stamp_ns);
+        } else if share <= SHUT_SHARE {
+            self.open_since_ns = None;
+        }
+        Some(self.open_since_ns.is_some())
     }
 
     pub(crate) fn centre_m(&self) -> [f64; 2] {
@@ -147,11 +148,11 @@ mod tests {
     fn a_door_half_open_stays_what_it_was() {
         let mut door =
             Door { cells: vec![1, 2, 3, 4], bounds: [0.0; 4], open_since_ns: None, event: None };
-        assert!(!door.observe(2, 2, 1));
-        assert!(door.observe(1, 3, 2));
-        assert!(door.observe(2, 2, 3));
-        assert!(door.observe(0, 1, 4), "too little is seen to tell");
+        assert_eq!(door.observe(2, 2, 1), Some(false));
+        assert_eq!(door.observe(1, 3, 2), Some(true));
+        assert_eq!(door.observe(2, 2, 3), Some(true));
+        assert_eq!(door.observe(1, 0, 4), None, "too little is seen to tell");
         assert_eq!(door.open_since_ns, Some(2));
-        assert!(!door.observe(4, 0, 5));
+        assert_eq!(door.observe(4, 0, 5), Some(false));
     }
 }

@@ -285,7 +285,7 @@ impl Watch {
             }
             let door = &mut self.doors[index];
             let since_ns = door.open_since_ns;
-            let open = door.observe(present, absent, stamp_ns);
+            let Some(open) = door.observe(present, absent, stamp_ns) else { continue };
             let first_ns = since_ns.or(door.open_since_ns).unwrap_or(stamp_ns);
             let open_s = stamp_ns.saturating_sub(first_ns) as f64 * 1e-9;
             let (state, number) = match (open, door.event) {

@@ -32,6 +32,8 @@ const PERSON_M: f64 = 0.5;
 const CROWD_M: f64 = 2.5;
 /// What keeps still does not go away: if it moves by this, metres, it was somebody.
 const WALKED_M: f64 = 0.7;
+/// When a happening was seen that was open when the process ended: at the first frame, at best.
+const NOT_YET: u64 = u64::MAX;
 /// More people are a crowd all the same.
 const PEOPLE_MAX: usize = 32;
 /// Most happenings at once: a guard cannot attend to more; what exceeds it is counted.
@@ -116,14 +118,14 @@ impl Life {
     }
 
     /// Goes on with an event that was open when the process ended, given its last change.
-    pub(crate) fn resume(&mut self, number: u64, change: &EventChange, stamp_ns: u64) {
+    pub(crate) fn resume(&mut self, number: u64, change: &EventChange) {
         let centre_m = [change.x_m, change.y_m];
         self.happenings.push(Happening {
             number,
             kind: change.kind,
             stage: Stage::Open,
             first_ns: change.first_evidence_ns,
-            seen_ns: stamp_ns,
+            seen_ns: NOT_YET,
             bounds: change.bounds_m,
             trail: change.bounds_m,
             centre_m,
@@ -134,7 +136,7 @@ impl Life {
             level: change.threshold,
             people: 1,
             told_kind: change.kind,
-            told_ns: stamp_ns,
+            told_ns: change.stamp_ns,
             told_m: centre_m,
             told_ratio: change.score / change.threshold.max(1e-9),
             // Charges start anew: what only the time test sees needs a minute to show again.
@@ -162,6 +164,9 @@ impl Life {
         mut tell: impl FnMut(&mut Happening, EventState),
     ) {
         self.shares.clear();
+        for resumed in self.happenings.iter_mut().filter(|known| known.seen_ns == NOT_YET) {
+            resumed.seen_ns = stamp_ns;
+        }
         for region in regions {
             self.assign(stamp_ns, region, levels);
         }

@@ -218,7 +218,7 @@ impl Watch {
                     self.fault_first_ns.push((number, change.first_evidence_ns));
                 }
                 EventKind::DoorHeldOpen => self.doors_pending.push((number, change.clone())),
-                _ => self.life.resume(number, change, change.stamp_ns),
+                _ => self.life.resume(number, change),
             }
         }
     }
