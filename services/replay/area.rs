@@ -1,15 +1,15 @@
-//! One area of a replay: sources -> fusion -> mapper -> anomaly, step by step in one thread.
+//! One area of a replay: sources -> pipeline -> files.
 
 use super::{ReplayError, output, write_error};
-use anomaly::{ClassFrame, Watch};
-use fusion::core::{FusionCore, Origin};
+use crate::pipeline::Pipeline;
+use fusion::core::Origin;
 use indicatif::ProgressBar;
-use laser::{ReplaySource, SourceError};
-use mapper::core::MapperCore;
+use laser::replay::ReplaySource;
+use laser::source::SourceError;
 use mapper::results::{Results, Rows};
 use protocol::event::EventChange;
 use protocol::scan::LaserScan;
-use protocol::site::{Area, Laser, Site};
+use protocol::site::Site;
 use protocol::time::SECOND_NS;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -24,25 +24,16 @@ struct Lane {
 
 /// The run of one area.
 pub struct AreaRun {
-    area: Area,
-    lasers: Vec<Laser>,
+    pipeline: Pipeline,
     lanes: Vec<Lane>,
-    fusion: FusionCore,
-    downstream: Downstream,
-    first_ns: Option<u64>,
-    cut: Option<SourceError>,
-    started: Instant,
-}
-
-/// What follows fusion.
-struct Downstream {
-    mapper: MapperCore,
-    watch: Watch,
     results: Results,
     events: output::EventLog,
     changes: Vec<EventChange>,
     frames: u64,
     directory: PathBuf,
+    first_ns: Option<u64>,
+    cut: Option<SourceError>,
+    started: Instant,
 }
 
 impl AreaRun {
@@ -57,23 +48,21 @@ impl AreaRun {
         directory: &Path,
         rows: Rows,
     ) -> Result<Self, ReplayError> {
-        let area = site.areas[area_index].clone();
-        let lasers: Vec<Laser> =
-            site.lasers_of(&area.id).map(|(_, laser)| laser.clone()).collect();
-        let fusion = FusionCore::new(&area, &lasers.iter().collect::<Vec<_>>(), None);
-        let downstream = Downstream {
-            mapper: MapperCore::new(&area, &site.timezone)?,
-            watch: Watch::new(&area, &lasers),
-            results: Results::create(directory, &area, rows).map_err(write_error(directory))?,
+        let pipeline = Pipeline::new(site, area_index)?;
+        let lane = |source| Lane { source, newest_ns: 0, ended: false };
+        Ok(Self {
+            lanes: sources.into_iter().map(lane).collect(),
+            results: Results::create(directory, &pipeline.area, rows)
+                .map_err(write_error(directory))?,
             events: output::EventLog::create(directory)?,
             changes: Vec::new(),
             frames: 0,
             directory: directory.to_owned(),
-        };
-        let lane = |source| Lane { source, newest_ns: 0, ended: false };
-        let lanes = sources.into_iter().map(lane).collect();
-        let started = Instant::now();
-        Ok(Self { area, lasers, lanes, fusion, downstream, first_ns: None, cut: None, started })
+            first_ns: None,
+            cut: None,
+            started: Instant::now(),
+            pipeline,
+        })
     }
 
     /// Replays everything. The laser that is furthest behind speaks next, so that no queue grows.
@@ -86,10 +75,7 @@ impl AreaRun {
             let speaking = self.lanes.iter().enumerate().filter(|(_, lane)| !lane.ended);
             let Some((index, _)) = speaking.min_by_key(|(_, lane)| lane.newest_ns) else { break };
             self.one_scan(index, &mut scan)?;
-            while let Some(frame) = self.fusion.next_frame(None) {
-                self.downstream.frame(&frame)?;
-            }
-            self.fusion.drain_finished().for_each(drop);
+            self.frames()?;
             let first_ns = *self.first_ns.get_or_insert(scan.stamp_ns);
             bar.set_position(scan.stamp_ns.saturating_sub(first_ns) / SECOND_NS);
         }
@@ -106,20 +92,34 @@ impl AreaRun {
             }
             Err(error) => return Err(error.into()),
         };
+        let laser = &self.pipeline.lasers[index].id;
         for oddity in lane.source.take_oddities() {
-            eprintln!("tog: laser {}: {}", self.lasers[index].id, oddity.text);
+            eprintln!("tog: laser {laser}: {}", oddity.text);
         }
         if !more {
             lane.ended = true;
-            self.fusion.end(index);
+            self.pipeline.fusion.end(index);
             return Ok(());
         }
         lane.newest_ns = scan.stamp_ns;
         let origin = Origin { laser: index, session: 0, seq: 0, published_mono_ns: 0 };
-        if let Err(refused) = self.fusion.scan(origin, scan.view(), None) {
-            eprintln!("tog: laser {}: {refused}", self.lasers[index].id);
+        if let Err(refused) = self.pipeline.fusion.scan(origin, scan.view(), None) {
+            eprintln!("tog: laser {laser}: {refused}");
         }
         Ok(())
+    }
+
+    fn frames(&mut self) -> Result<(), ReplayError> {
+        let Self { pipeline, results, changes, frames, .. } = self;
+        let mut written = Ok(());
+        pipeline.run_frames(changes, |number, classes| {
+            *frames += 1;
+            if written.is_ok() {
+                written = results.step(number, classes);
+            }
+        });
+        written.map_err(write_error(&self.directory))?;
+        self.events.write(&mut self.changes)
     }
 
     /// Why the recording ended early, if it did.
@@ -129,24 +129,26 @@ impl AreaRun {
 
     /// A line about what was done.
     pub fn summary(&self) -> String {
-        let counts = self.fusion.counts();
+        let area = &self.pipeline.area;
+        let counts = self.pipeline.fusion.counts();
         let dropped: u64 = self
             .lanes
             .iter()
             .map(|lane| lane.source.counts())
             .map(|counts| counts.dropped_out_of_order + counts.dropped_geometry + counts.refused)
-            .sum();
+            .sum::<u64>()
+            + counts.scans_refused;
         let seconds = self.started.elapsed().as_secs_f64();
-        let replayed_s =
-            self.downstream.frames as f64 * self.area.frame_period_ms / 1000.0;
+        let replayed_s = self.frames as f64 * area.frame_period_ms / 1000.0;
         format!(
-            "area {}: {} scans ({dropped} dropped), {} frames, {} lines of events, {replayed_s:.0} s \
-             in {seconds:.1} s ({:.0} x real time)",
-            self.area.id,
+            "area {}: {} scans ({dropped} dropped), {} frames, {} changes of events, {replayed_s:.0} s \
+             in {seconds:.1} s ({:.0} x real time); the detector is {}",
+            area.id,
             counts.scans_in,
-            self.downstream.frames,
-            self.downstream.events.lines(),
-            replayed_s / seconds.max(1e-9)
+            self.frames,
+            self.events.lines(),
+            replayed_s / seconds.max(1e-9),
+            self.pipeline.watch.phase().words(),
         )
     }
 
@@ -154,36 +156,14 @@ impl AreaRun {
     ///
     /// # Errors
     /// If the results cannot be written.
-    pub fn finish(self, directory: &Path, recording: &Path) -> Result<(), ReplayError> {
-        let Self { area, lasers, fusion, downstream, .. } = self;
-        let Downstream { mapper, results, events, .. } = downstream;
+    pub fn finish(self, recording: &Path) -> Result<(), ReplayError> {
+        let Self { pipeline, results, events, directory, .. } = self;
+        let mapper = &pipeline.mapper;
         results
             .finish(mapper.grid(), &mapper.context_names())
-            .map_err(write_error(directory))?;
-        output::write_grid(directory, &area, &lasers, &fusion)?;
+            .map_err(write_error(&directory))?;
+        output::write_grid(&directory, &pipeline)?;
         let marks = events.finish()?;
-        output::write_pictures(directory, &area, &lasers, &mapper, &marks, recording)
-    }
-}
-
-impl Downstream {
-    fn frame(&mut self, frame: &fusion::core::FrameOut<'_>) -> Result<(), ReplayError> {
-        let Self { mapper, watch, results, events, changes, frames, directory } = self;
-        let context = mapper.context_of(frame.number);
-        let mut written = Ok(());
-        mapper.frame(frame.view(), |number, grid| {
-            *frames += 1;
-            if written.is_ok() {
-                written = results.step(number, grid.classes());
-            }
-        });
-        written.map_err(write_error(directory))?;
-        let classes = mapper.grid().classes();
-        let lasers_present = frame.lasers_present;
-        watch.handle(
-            &ClassFrame { number: frame.number, lasers_present, context, classes },
-            changes,
-        );
-        events.write(changes)
+        output::write_pictures(&directory, &pipeline, &marks, recording)
     }
 }

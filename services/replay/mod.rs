@@ -6,7 +6,7 @@
 //! | file | what |
 //! |---|---|
 //! | `layout.rs` | a site file for a recording that has none |
-//! | `area.rs` | one area: sources -> fusion -> mapper -> anomaly |
+//! | `area.rs` | one area: sources -> pipeline -> files |
 //! | `output.rs` | grid.json, events.jsonl, pictures |
 
 mod area;
@@ -14,14 +14,17 @@ mod layout;
 mod output;
 
 use crate::cli::{PresetName, Replay};
-use crate::site_file;
+use crate::{fail, site_file};
 use area::AreaRun;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use process::exit;
+use protocol::geometry::Pose;
 use protocol::site::{Preset, Site, Source};
 use protocol::time::SECOND_NS;
 use recording::{Recording, RecordingIndex};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 /// Why a recording could not be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +34,7 @@ pub enum ReplayError {
     Recording(#[from] recording::RecordingError),
     /// Its scans.
     #[error(transparent)]
-    Source(#[from] laser::SourceError),
+    Source(#[from] laser::source::SourceError),
     /// No area can be laid round the scans of a topic.
     #[error("topic {topic}: {source}")]
     Layout {
@@ -76,19 +79,28 @@ fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ReplayError + '_ {
 }
 
 /// What a replay came to.
-pub struct Outcome {
+struct Outcome {
     /// Why the recording ended before its end, if it did; what came before is written.
-    pub cut: Option<laser::SourceError>,
+    cut: Option<laser::source::SourceError>,
 }
 
 /// Runs `tog replay`.
-///
-/// # Errors
-/// If nothing can be replayed at all, or the results cannot be written.
-pub fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
+pub fn main(arguments: &Replay) -> ExitCode {
+    match run(arguments) {
+        Ok(Outcome { cut: None }) => ExitCode::from(exit::OK),
+        Ok(Outcome { cut: Some(cut) }) => {
+            fail(exit::FAILED, format_args!("{cut}; what came before is replayed and written"))
+        }
+        Err(error @ ReplayError::SiteFile(_)) => fail(exit::BAD_CONFIG, error),
+        Err(error) => fail(exit::FAILED, error),
+    }
+}
+
+/// Replays every area of the recording.
+fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     let recording = Recording::open(&arguments.recording)?;
     eprintln!("tog: reading {}", arguments.recording.display());
-    let index = RecordingIndex::scan(&recording)?;
+    let index = RecordingIndex::scan(&recording, |_| Pose::default())?;
     std::fs::create_dir_all(&arguments.out).map_err(write_error(&arguments.out))?;
     let site = match &arguments.site {
         Some(path) => site_file::load(path)?,
@@ -113,7 +125,7 @@ pub fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
         cut = run.take_cut().or(cut);
-        run.finish(&directory, &arguments.recording)?;
+        run.finish(&arguments.recording)?;
         eprintln!("tog: results of area {} are in {}", area.id, directory.display());
     }
     Ok(Outcome { cut })
@@ -175,7 +187,7 @@ fn sources_of(
     area: &str,
     recording: &Path,
     index: &RecordingIndex,
-) -> Result<Vec<laser::ReplaySource>, ReplayError> {
+) -> Result<Vec<laser::replay::ReplaySource>, ReplayError> {
     let mut sources = Vec::new();
     for (_, laser) in site.lasers_of(area) {
         let Source::Replay { topic, .. } = &laser.source else {
@@ -183,7 +195,7 @@ fn sources_of(
             return Err(ReplayError::NotReplayed { laser: laser.id.clone(), found });
         };
         let topic = index.topic(topic.as_deref())?;
-        sources.push(laser::ReplaySource::open(recording, Some(&topic.topic))?);
+        sources.push(laser::replay::ReplaySource::open(recording, Some(&topic.topic))?);
     }
     Ok(sources)
 }

@@ -1,11 +1,10 @@
 //! What a replay leaves behind beside the arrays: grid.json, events.jsonl, pictures.
 
 use super::{ReplayError, write_error};
+use crate::pipeline::Pipeline;
 use figures::{ClassShare, EventMark, LaserMark, Options, OverviewMap, ShareMap};
-use fusion::core::FusionCore;
-use mapper::core::MapperCore;
 use protocol::event::{EventChange, EventState};
-use protocol::site::{Area, Laser};
+use protocol::site::Laser;
 use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -71,12 +70,8 @@ impl EventLog {
 ///
 /// # Errors
 /// Those of the file system.
-pub fn write_grid(
-    directory: &Path,
-    area: &Area,
-    lasers: &[Laser],
-    fusion: &FusionCore,
-) -> Result<(), ReplayError> {
+pub fn write_grid(directory: &Path, pipeline: &Pipeline) -> Result<(), ReplayError> {
+    let Pipeline { area, lasers, fusion, .. } = pipeline;
     let laser = |(index, laser): (usize, &Laser)| {
         let pose = laser.pose();
         let (geometry, beams) = fusion.geometry(index).unwrap_or_default();
@@ -125,12 +120,11 @@ pub fn write_grid(
 /// If a picture cannot be drawn or written.
 pub fn write_pictures(
     directory: &Path,
-    area: &Area,
-    lasers: &[Laser],
-    mapper: &MapperCore,
+    pipeline: &Pipeline,
     events: &[EventMark],
     recording: &Path,
 ) -> Result<(), ReplayError> {
+    let Pipeline { area, lasers, mapper, .. } = pipeline;
     let names = area.class_names();
     let cells = area.grid().cells();
     let mut total = vec![0u64; names.len() * cells];

@@ -5,7 +5,7 @@
 
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
-use protocol::site::{Context, Weekday};
+use protocol::site::{Context, Weekday, minute_of_day};
 
 const MINUTE_NS: u64 = 60 * protocol::time::SECOND_NS;
 
@@ -86,7 +86,7 @@ impl Contexts {
 impl Rule {
     fn new(context: &Context) -> Result<Self, ContextError> {
         let minute = |text: &str| {
-            parse_minute(text).ok_or_else(|| ContextError::Time {
+            minute_of_day(text).map(u32::from).ok_or_else(|| ContextError::Time {
                 context: context.name.clone(),
                 found: text.to_owned(),
             })
@@ -111,12 +111,6 @@ impl Rule {
         let began_yesterday = self.days[(day + 6) % 7] && minute_of_day < self.to_minute;
         began_today || began_yesterday
     }
-}
-
-fn parse_minute(text: &str) -> Option<u32> {
-    let (hour, minute) = text.split_once(':')?;
-    let (hour, minute) = (hour.parse::<u32>().ok()?, minute.parse::<u32>().ok()?);
-    (hour < 24 && minute < 60).then_some(hour * 60 + minute)
 }
 
 fn monday_zero(day: Weekday) -> usize {

@@ -18,7 +18,7 @@ pub const TAIL_SHARE: f64 = 0.0025;
 pub const MARGIN_M: f64 = 0.5;
 
 /// Counts of echo coordinates along x and y, in site coordinates.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Extent {
     axes: [Vec<u64>; 2],
     echoes: u64,

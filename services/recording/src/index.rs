@@ -43,6 +43,8 @@ pub struct TopicSummary {
     pub gaps: u64,
     /// The longest time between two scans in order, nanoseconds.
     pub longest_gap_ns: u64,
+    /// Where the echoes of this topic lie.
+    pub extent: Extent,
 }
 
 impl TopicSummary {
@@ -62,8 +64,6 @@ pub struct RecordingIndex {
     pub path: PathBuf,
     /// Topics with at least one scan, in the order in which the file introduces them.
     pub topics: Vec<TopicSummary>,
-    /// Where the echoes lie.
-    pub extent: Extent,
     /// The first message that was refused.
     pub first_refusal: Option<RecordingError>,
     /// Why the recording ended early, if it did: [`RecordingError::Cut`] or `Damaged`.
@@ -84,7 +84,6 @@ impl RecordingIndex {
         let mut scans = recording.scans();
         let mut topics: Vec<Option<Collected>> = Vec::new();
         let mut refused: Vec<u64> = Vec::new();
-        let mut extent = Extent::default();
         let (mut first_refusal, mut early_end) = (None, None);
         while let Some(item) = scans.next() {
             let count = scans.topics().len();
@@ -94,10 +93,9 @@ impl RecordingIndex {
                 Ok(found) => {
                     let topic = topics[found.topic_index].get_or_insert_with(|| {
                         let pose = site_from_laser(&found.topic);
-                        extent.add_laser(pose);
                         Collected::new(&found, pose)
                     });
-                    topic.add(&found, &mut extent);
+                    topic.add(&found);
                 }
                 Err(error @ RecordingError::Message { .. }) => {
                     if let RecordingError::Message { topic, .. } = &error {
@@ -117,7 +115,7 @@ impl RecordingIndex {
             return Err(early_end.or(first_refusal).unwrap_or_else(|| scans.no_scans()));
         }
         let path = recording.path().to_owned();
-        Ok(Self { path, topics, extent, first_refusal, early_end })
+        Ok(Self { path, topics, first_refusal, early_end })
     }
 
     /// The topic of this name; the only topic if no name is given.
@@ -149,7 +147,7 @@ struct Collected {
 impl Collected {
     fn new(first: &RecordedScan, pose: Pose) -> Self {
         let scan = &first.scan;
-        let summary = TopicSummary {
+        let mut summary = TopicSummary {
             topic: first.topic.to_string(),
             scans: 0,
             refused: 0,
@@ -164,12 +162,14 @@ impl Collected {
             out_of_order: 0,
             gaps: 0,
             longest_gap_ns: 0,
+            extent: Extent::default(),
         };
         let latest = (scan.geometry, scan.ranges_m.len());
+        summary.extent.add_laser(pose);
         Self { summary, latest, pose, directions: Directions::default() }
     }
 
-    fn add(&mut self, found: &RecordedScan, extent: &mut Extent) {
+    fn add(&mut self, found: &RecordedScan) {
         let (scan, summary) = (&found.scan, &mut self.summary);
         let geometry = (scan.geometry, scan.ranges_m.len());
         if geometry != self.latest {
@@ -184,7 +184,8 @@ impl Collected {
             summary.longest_gap_ns = summary.longest_gap_ns.max(gap_ns);
             summary.last_stamp_ns = scan.stamp_ns;
         }
-        let [no_return, invalid] = extent.add_scan(scan, self.pose, &mut self.directions);
+        let [no_return, invalid] =
+            summary.extent.add_scan(scan, self.pose, &mut self.directions);
         summary.scans += 1;
         summary.readings += scan.ranges_m.len() as u64;
         summary.no_return += no_return;

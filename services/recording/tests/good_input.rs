@@ -115,7 +115,7 @@ fn the_area_round_a_real_recording_holds_the_room() {
     let index = index(&path);
     let topic = index.topic(None).unwrap();
     assert_eq!(topic.beams, 512);
-    let grid = index.extent.area(0.1).unwrap();
+    let grid = index.topics[0].extent.area(0.1).unwrap();
     // The walkers' loops: x 0.7..3.7 m, y -3.2..3.0 m; the laser is at the origin.
     for (x_m, y_m) in [(0.0, 0.0), (0.7, -3.2), (3.7, 3.0), (3.7, -3.2), (0.7, 3.0)] {
         assert!(grid.cell_at(x_m, y_m).is_some(), "{x_m} {y_m} {grid:?}");

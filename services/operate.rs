@@ -1,0 +1,178 @@
+//! Verbs of a site: run, status, alerts, check, schema.
+
+use crate::cli::{AlertsList, AlertsWatch, Check, Format, Run, Status};
+use crate::{fail, site_file};
+use process::instance::{default_run_root, run_dir_of};
+use process::plan::Plan;
+use process::{EventLoop, Role, exit};
+use protocol::site::Site;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Loads a site file, or says what is wrong with it and with which code to end.
+fn load(path: &Path) -> Result<Site, ExitCode> {
+    site_file::load(path).map_err(|error| fail(exit::BAD_CONFIG, error))
+}
+
+/// Where relative paths of the site file begin.
+fn base_dir(site_file: &Path) -> PathBuf {
+    let absolute = std::path::absolute(site_file).unwrap_or_else(|_| site_file.to_owned());
+    absolute.parent().map(Path::to_owned).unwrap_or_default()
+}
+
+/// Where a site keeps its journal.
+fn journal(site: &Site, site_file: &Path) -> PathBuf {
+    base_dir(site_file).join(&site.state_dir).join(alerts::JOURNAL_FILE)
+}
+
+/// `tog run`.
+pub fn run(arguments: &Run) -> ExitCode {
+    let site = match load(&arguments.site) {
+        Ok(site) => site,
+        Err(code) => return code,
+    };
+    if arguments.out.is_some() && !process::domain::is_lossless(&site) {
+        let text = "--out needs a site whose lasers replay a recording with pace = \"lossless\": a \
+                    live site has no end at which results could be complete";
+        return fail(exit::USAGE, text);
+    }
+    let base_dir = base_dir(&arguments.site);
+    let replay_start_ns = match laser::site::replay_begin_ns(&site, &base_dir) {
+        Ok(begin_ns) => begin_ns,
+        Err(error) => return fail(exit::BAD_CONFIG, error),
+    };
+    let out_dir = match arguments.out.as_ref().map(std::path::absolute).transpose() {
+        Ok(out_dir) => out_dir,
+        Err(error) => return fail(exit::USAGE, format!("--out: {error}")),
+    };
+    let options = supervisor::Options {
+        base_dir,
+        out_dir,
+        seconds: arguments.seconds.map(|seconds| seconds as f64),
+        replay_start_ns,
+        ..supervisor::Options::default()
+    };
+    supervisor::run(&site, &options)
+}
+
+/// `tog status`. Exit code 1 if the site does not run, or something is wrong.
+pub fn status(arguments: &Status) -> ExitCode {
+    let site = match load(&arguments.site) {
+        Ok(site) => site,
+        Err(code) => return code,
+    };
+    let report = match supervisor::status(&site.name) {
+        Ok(report) => report,
+        Err(error) => return fail(exit::FAILED, error),
+    };
+    match arguments.format {
+        Format::Text => print!("{}", report.table()),
+        Format::Json => match serde_json::to_string_pretty(&report) {
+            Ok(text) => println!("{text}"),
+            Err(error) => return fail(exit::FAILED, error),
+        },
+    }
+    ExitCode::from(if report.is_healthy() { exit::OK } else { exit::FAILED })
+}
+
+/// `tog alerts list`.
+pub fn alerts_list(arguments: &AlertsList) -> ExitCode {
+    let site = match load(&arguments.site) {
+        Ok(site) => site,
+        Err(code) => return code,
+    };
+    let options = alerts::ListOptions {
+        journal: journal(&site, &arguments.site),
+        timezone: site.timezone.clone(),
+        filter: alerts::Filter {
+            area: arguments.area.clone(),
+            open_only: arguments.open,
+            limit: arguments.last,
+            ..alerts::Filter::default()
+        },
+        format: alerts_format(arguments.format),
+    };
+    match alerts::list(&options, &mut std::io::stdout().lock()) {
+        Ok(()) => ExitCode::from(exit::OK),
+        Err(error) => fail(exit::FAILED, error),
+    }
+}
+
+/// `tog alerts watch`.
+pub fn alerts_watch(arguments: &AlertsWatch) -> ExitCode {
+    let site = match load(&arguments.site) {
+        Ok(site) => site,
+        Err(code) => return code,
+    };
+    let options = alerts::WatchOptions {
+        socket: run_dir_of(&site.name, &default_run_root()).join(alerts::SOCKET_FILE),
+        timezone: site.timezone.clone(),
+        format: alerts_format(arguments.format),
+        after: arguments.from_start.then_some(0),
+    };
+    let watched = EventLoop::new().map_err(alerts::WatchError::Io).and_then(|events| {
+        let (mut out, mut notes) = (std::io::stdout().lock(), std::io::stderr().lock());
+        alerts::watch(&options, &events, &mut out, &mut notes)
+    });
+    match watched {
+        Ok(()) => ExitCode::from(exit::OK),
+        Err(error) => fail(exit::FAILED, error),
+    }
+}
+
+fn alerts_format(format: Format) -> alerts::Format {
+    match format {
+        Format::Text => alerts::Format::Text,
+        Format::Json => alerts::Format::Json,
+    }
+}
+
+/// `tog check`.
+pub fn check(arguments: &Check) -> ExitCode {
+    let site = match load(&arguments.site) {
+        Ok(site) => site,
+        Err(code) => return code,
+    };
+    let (plan, roles) = (Plan::new(&site), Role::all(&site));
+    match arguments.format {
+        Format::Text => print_plan(&site, &plan, &roles),
+        Format::Json => {
+            let topic = |topic: &process::plan::TopicPlan| {
+                json!({
+                    "name": topic.name,
+                    "publishers": topic.publishers,
+                    "buffer": topic.buffer,
+                    "bytes_max": topic.bytes_max(),
+                })
+            };
+            let report = json!({
+                "site": site.name,
+                "processes": roles.iter().map(Role::to_string).collect::<Vec<_>>(),
+                "topics": plan.topics.iter().map(topic).collect::<Vec<_>>(),
+                "shared_memory_bytes_max": plan.bytes_max(),
+            });
+            println!("{report:#}");
+        }
+    }
+    ExitCode::from(exit::OK)
+}
+
+fn print_plan(site: &Site, plan: &Plan, roles: &[Role]) {
+    println!("{}: right. `tog run` would start {} processes:", site.name, roles.len());
+    for role in roles {
+        println!("  {role}");
+    }
+    println!("{} topics in shared memory, in the worst case:", plan.topics.len());
+    for topic in &plan.topics {
+        let megabytes = topic.bytes_max() as f64 / 1e6;
+        println!("  {:<24} {megabytes:>9.1} MB, {} publishers", topic.name, topic.publishers);
+    }
+    println!("  {:<24} {:>9.1} MB", "all", plan.bytes_max() as f64 / 1e6);
+}
+
+/// `tog schema`.
+pub fn schema() -> ExitCode {
+    println!("{:#}", Site::json_schema());
+    ExitCode::from(exit::OK)
+}
