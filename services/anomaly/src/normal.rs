@@ -126,10 +126,14 @@ impl Normal {
         self.live[cell] = slot;
     }
 
-    /// From now on nothing is learnt from the cells of `held`, and again from the others.
-    pub(crate) fn hold(&mut self, held: &Plane) {
+    /// From now on nothing is learnt from the cells of `held`, and again from the others. What a
+    /// newly held cell of `evidence` shows began the event: that run is not learnt either.
+    pub(crate) fn hold(&mut self, held: &Plane, evidence: &Plane) {
         let before = self.held.clone();
         before.for_each_difference(held, |cell, value| {
+            if value && evidence.get(cell) {
+                self.since[cell] = self.clock;
+            }
             self.settle(cell);
             self.held.set(cell, value);
         });

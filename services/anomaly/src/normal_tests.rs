@@ -47,16 +47,30 @@ fn a_held_cell_learns_nothing_and_goes_on_afterwards() {
     let mut normal = after(600, &[0; 30]);
     let mut held = Plane::new(30);
     held.set(3, true);
-    normal.hold(&held);
+    normal.hold(&held, &Plane::new(30));
     normal.change(3, 2);
     for _ in 0..6000 {
         normal.tick();
     }
     assert_eq!(normal.frames(3, 2), (0.0, 600.0));
     assert_eq!(normal.frames(4, 0), (6600.0, 6600.0));
-    normal.hold(&Plane::new(30));
+    normal.hold(&Plane::new(30), &Plane::new(30));
     normal.tick();
     assert_eq!(normal.frames(3, 2), (1.0, 601.0));
+}
+
+#[test]
+fn the_beginning_of_an_event_is_not_learnt() {
+    let mut normal = after(600, &[0; 30]);
+    normal.change(3, 2);
+    (0..5).for_each(|_| normal.tick());
+    let mut held = Plane::new(30);
+    (2..5).for_each(|cell| held.set(cell, true));
+    let mut evidence = Plane::new(30);
+    evidence.set(3, true);
+    normal.hold(&held, &evidence);
+    assert_eq!(normal.frames(3, 2), (0.0, 600.0));
+    assert_eq!(normal.frames(4, 0), (605.0, 605.0));
 }
 
 #[test]

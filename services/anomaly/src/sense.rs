@@ -250,6 +250,11 @@ impl Sense {
         door::find(&self.grid, &self.normal, &self.roles, &mut self.doors)
     }
 
+    /// Nothing is learnt from these cells.
+    pub(crate) fn hold(&mut self, held: &Plane) {
+        self.normal.hold(held, &self.evidence);
+    }
+
     /// Cells that are usually known, and how many of them are unknown now.
     pub(crate) fn lost_cells(&self) -> (u32, u32) {
         (self.covered.count(), self.covered.count_common(&self.unknown))
@@ -376,7 +381,8 @@ impl Sense {
             match self.roles.role(slot) {
                 Role::Fixed => region.fixed += 1,
                 Role::Lingering => region.lingering += 1,
-                Role::Empty | Role::Vacated if self.counted_absence(test, cell) => region.gone += 1,
+                // In a charged region a cell may long be normal again.
+                Role::Empty | Role::Vacated if self.evidence.get(cell) => region.gone += 1,
                 _ => {}
             }
         }
@@ -386,11 +392,6 @@ impl Sense {
             Test::Time => highest,
         };
         region
-    }
-
-    /// In a charged region a cell may long be normal again; in a space region every cell counts.
-    fn counted_absence(&self, test: Test, cell: usize) -> bool {
-        test == Test::Space || self.evidence.get(cell)
     }
 }
 

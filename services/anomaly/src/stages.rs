@@ -232,7 +232,7 @@ impl Watch {
         for door in self.doors.iter().filter(|door| door.event.is_some()) {
             for_each_cell(&grid, door.bounds, MARGIN_M, |cell| held.set(cell, true));
         }
-        self.sense.normal.hold(&self.held);
+        self.sense.hold(&self.held);
     }
 }
 
