@@ -184,8 +184,7 @@ impl Collected {
             summary.longest_gap_ns = summary.longest_gap_ns.max(gap_ns);
             summary.last_stamp_ns = scan.stamp_ns;
         }
-        let [no_return, invalid] =
-            summary.extent.add_scan(scan, self.pose, &mut self.directions);
+        let [no_return, invalid] = summary.extent.add_scan(scan, self.pose, &mut self.directions);
         summary.scans += 1;
         summary.readings += scan.ranges_m.len() as u64;
         summary.no_return += no_return;

@@ -30,8 +30,8 @@ impl Recording {
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         let io = |source| RecordingError::Io { path: path.to_owned(), action: "open", source };
-        let file = File::open(path).map_err(io)?;
-        let metadata = file.metadata().map_err(io)?;
+        // Looked at before it is opened: opening a pipe that nobody writes to would wait for ever.
+        let metadata = std::fs::metadata(path).map_err(io)?;
         if metadata.is_dir() {
             return Err(RecordingError::Directory { path: path.to_owned() });
         }
@@ -41,6 +41,7 @@ impl Recording {
                 "found a device or a pipe, expected a file",
             )));
         }
+        let file = File::open(path).map_err(io)?;
         let format = detect(path, &file)?;
         Ok(Self { path: path.to_owned(), file: Arc::new(file), length: metadata.len(), format })
     }

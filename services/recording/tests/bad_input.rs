@@ -70,7 +70,7 @@ fn foreign_files_are_named_with_what_to_do() {
 }
 
 #[test]
-fn a_missing_file_a_directory_and_a_device_are_told() {
+fn a_missing_file_a_directory_a_device_and_a_pipe_are_told() {
     let directory = tempfile::tempdir().unwrap();
     let missing = Recording::open(directory.path().join("none.bag")).unwrap_err().to_string();
     assert!(missing.contains("none.bag") && missing.contains("No such file"), "{missing}");
@@ -78,6 +78,10 @@ fn a_missing_file_a_directory_and_a_device_are_told() {
     assert!(error.contains("is a directory"), "{error}");
     let device = Recording::open(Path::new("/dev/zero")).unwrap_err().to_string();
     assert!(device.contains("expected a file"), "{device}");
+    let pipe = directory.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let pipe = Recording::open(&pipe).unwrap_err().to_string();
+    assert!(pipe.contains("expected a file"), "{pipe}");
 }
 
 #[test]
