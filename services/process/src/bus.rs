@@ -3,7 +3,8 @@
 
 use crate::clock::monotonic_ns;
 use crate::domain;
-use crate::event_loop::{EVENT_DATA, EVENT_HELLO, EventLoop};
+use crate::doorbell::{EVENT_DATA, EVENT_HELLO};
+use crate::event_loop::EventLoop;
 use crate::instance::Instance;
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::{BusError, Element, Wire};

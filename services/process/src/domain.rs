@@ -300,16 +300,16 @@ fn take_lock(site: &str, run_dir: &Path) -> Result<File, OwnerError> {
     }
 }
 
-/// `tog_<16 hex digits>_`: of the run directory and the user, so that the next owner of the directory
+/// `tog<12 hex digits>_`: of the run directory and the user, so that the next owner of the directory
 /// finds what a killed one left, and nobody else's. FNV-1a: two directories of a host that
-/// collide in 64 bits are not to be expected.
+/// collide in 48 bits are not to be expected.
 fn prefix_of(run_dir: &Path) -> String {
     let uid = rustix::process::getuid().as_raw().to_le_bytes();
     let bytes = run_dir.as_os_str().as_encoded_bytes().iter().chain(&uid);
     let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, &byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
     });
-    format!("tog_{hash:016x}_")
+    format!("tog{:012x}_", (hash ^ hash >> 48) & 0xffff_ffff_ffff)
 }
 
 fn check_budget(needed: u64) -> Result<(), OwnerError> {
@@ -356,4 +356,25 @@ fn iceoryx_config_text(instance: &Instance) -> String {
         },
     };
     toml::to_string(&Text { global }).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn shared_memory_that_is_too_small_is_refused_with_both_numbers() {
+        let text = check_budget(u64::MAX).unwrap_err().to_string();
+        let numbers = text.split(' ').filter(|word| word.parse::<u64>().is_ok()).count();
+        assert_eq!(numbers, 2, "{text}");
+        check_budget(0).unwrap();
+    }
+
+    #[test]
+    fn two_run_directories_have_two_prefixes() {
+        let [a, b] = ["/run/tog/a", "/run/tog/b"].map(|path| prefix_of(Path::new(path)));
+        assert_ne!(a, b);
+        assert_eq!(a.len(), 16, "see RUN_DIR_BYTES_MAX: {a}");
+    }
 }

@@ -5,8 +5,9 @@
 //! returns, so the loop never spins on data that the caller has not taken yet.
 
 use crate::clock::monotonic_ns;
+use crate::doorbell::{Doorbell, Turn};
 use iceoryx2::port::listener::Listener;
-use iceoryx2::prelude::{FileDescriptorBased, ipc};
+use iceoryx2::prelude::ipc;
 use rustix::buffer::spare_capacity;
 use rustix::event::epoll;
 use rustix::io::{Errno, read};
@@ -24,9 +25,6 @@ use std::rc::{Rc, Weak};
 /// SIGHUP, SIGINT and SIGTERM as Linux numbers them on all its architectures.
 const STOP_SIGNALS: [i32; 3] = [SIGHUP, 2, 15];
 const SIGHUP: i32 = 1;
-/// Messages of one subscriber between two waits. At the slowest that was measured, 20 ms a frame, that
-/// is 1.3 s; at the fastest, microseconds a message, a wait costs little against 64 of them.
-const MESSAGES_A_TURN: u64 = 64;
 /// Events taken from the kernel at once; the rest comes with the next wait.
 const EVENTS_MAX: usize = 64;
 /// Most doorbells and file descriptors of one loop: a host's supervisor has a few a process.
@@ -35,11 +33,6 @@ const WATCHED_MAX: usize = 4096;
 const SIGNAL: u64 = 0;
 const TIMER: u64 = 1;
 const FIRST_SLOT: u64 = 2;
-
-/// Event id of "there is data".
-pub(crate) const EVENT_DATA: usize = 0;
-/// Event id of "I am a new port of this topic: connect to me".
-pub(crate) const EVENT_HELLO: usize = 1;
 
 /// Why [`EventLoop::wait`] returned. Several reasons can hold at once; none is ever lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -77,62 +70,6 @@ impl Interest {
             Self::Write => epoll::EventFlags::OUT,
             Self::ReadWrite => epoll::EventFlags::IN | epoll::EventFlags::OUT,
         }
-    }
-}
-
-/// A listener that was put into a loop.
-#[derive(Debug)]
-pub(crate) struct Doorbell {
-    listener: Listener<ipc::Service>,
-    hello: Cell<bool>,
-    turn: Rc<Turn>,
-    turn_seen: Cell<u64>,
-    taken: Cell<u64>,
-}
-
-/// Whose turn it is: the data's, or everything else's. A reader that is slower than its publisher would
-/// otherwise never come back to its signals, deadlines and health.
-#[derive(Debug, Default)]
-struct Turn {
-    /// Number of waits so far.
-    number: Cell<u64>,
-    /// Somebody had to leave messages behind in this turn.
-    unfinished: Cell<bool>,
-}
-
-impl Doorbell {
-    /// True if one more message may be taken before the next wait; if not, that wait will return at
-    /// once, with `data`.
-    pub(crate) fn may_take(&self) -> bool {
-        if self.turn_seen.replace(self.turn.number.get()) != self.turn.number.get() {
-            self.taken.set(0);
-        }
-        if self.taken.get() >= MESSAGES_A_TURN {
-            self.turn.unfinished.set(true);
-            return false;
-        }
-        self.taken.set(self.taken.get() + 1);
-        true
-    }
-
-    /// True once after a new port of the topic said hello.
-    pub(crate) fn take_hello(&self) -> bool {
-        self.hello.replace(false)
-    }
-
-    fn empty(&self) {
-        // An interrupted or failed drain leaves the descriptor readable: the next wait tries again.
-        let _ = self.listener.try_wait(|activation| {
-            if activation.id.as_value() == EVENT_HELLO {
-                self.hello.set(true);
-            }
-        });
-    }
-
-    fn descriptor(&self) -> BorrowedFd<'_> {
-        // SAFETY: the descriptor is open as long as the listener lives, which `self` borrows; it is
-        // only registered in epoll, never closed or read through this handle.
-        unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
     }
 }
 
@@ -363,13 +300,7 @@ impl EventLoop {
     }
 
     pub(crate) fn listen(&self, listener: Listener<ipc::Service>) -> io::Result<Rc<Doorbell>> {
-        let doorbell = Rc::new(Doorbell {
-            listener,
-            hello: Cell::new(true),
-            turn: Rc::clone(&self.inner.turn),
-            turn_seen: Cell::new(0),
-            taken: Cell::new(0),
-        });
+        let doorbell = Rc::new(Doorbell::new(listener, &self.inner.turn));
         let slot = Slot::Doorbell(Rc::downgrade(&doorbell));
         self.insert(doorbell.descriptor(), epoll::EventFlags::IN, slot)?;
         Ok(doorbell)

@@ -5,7 +5,7 @@
 //!   lock                    flock held by the owner (the supervisor) for as long as it lives
 //!   instance.json           this struct
 //!   site.json               the site, as the supervisor read and checked it
-//!   iceoryx2.toml, iox/     shared-memory configuration and registry
+//!   iceoryx2.toml, x/       shared-memory configuration and registry
 //!   control.sock            the supervisor's status socket
 //!   children                process ids, so that a later owner finds what a killed one left
 //! ```
@@ -74,9 +74,9 @@ pub enum InstanceError {
     },
 }
 
-/// Longest run directory: a unix socket's path has 108 bytes, and iceoryx2 puts
-/// `/iox/<prefix><40 characters>.event` behind it.
-pub const RUN_DIR_BYTES_MAX: usize = 42;
+/// Longest run directory: a unix socket's path has 107 bytes, and iceoryx2 puts
+/// `/x/<prefix of 16><id of up to 34 digits>.event` behind it.
+pub const RUN_DIR_BYTES_MAX: usize = 107 - 3 - 16 - 34 - 6;
 
 /// What a process is handed: everything that is decided once for all processes of a running site.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -153,7 +153,7 @@ impl Instance {
     }
 
     pub(crate) fn iceoryx_root(&self) -> PathBuf {
-        self.run_dir.join("iox")
+        self.run_dir.join("x")
     }
 
     pub(crate) fn store(&self, site: &Site) -> Result<(), InstanceError> {

@@ -61,6 +61,7 @@ pub mod clock;
 pub mod credit;
 pub mod descriptors;
 pub mod domain;
+mod doorbell;
 pub mod event_loop;
 pub mod health;
 pub mod instance;

@@ -189,3 +189,48 @@ impl Plan {
         self.topics.iter().map(TopicPlan::bytes_max).fold(0, u64::saturating_add)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn site(lasers: usize, side: u32) -> Site {
+        let lasers: Vec<_> = (0..lasers)
+            .map(|n| {
+                serde_json::json!({ "id": format!("l{n}"), "area": "a", "x_m": 0.0, "y_m": 0.0,
+                    "source": { "kind": "simulator", "scene": "none" } })
+            })
+            .collect();
+        serde_json::from_value(serde_json::json!({
+            "name": "s",
+            "area": [{ "id": "a", "origin_m": [0.0, 0.0], "columns": side, "rows": side }],
+            "laser": lasers,
+        }))
+        .unwrap()
+    }
+
+    #[test]
+    fn a_foyer_of_two_lasers_fits_the_shared_memory_of_a_container() {
+        let bytes = Plan::new(&site(2, 100)).bytes_max();
+        assert!(bytes < 64 << 20, "docker gives 64 MiB unless asked: {} MiB", bytes >> 20);
+    }
+
+    #[test]
+    fn every_topic_of_the_vocabulary_is_planned_once() {
+        let plan = Plan::new(&site(2, 10));
+        let names: Vec<_> = plan.topics.iter().map(|topic| topic.name.as_str()).collect();
+        let expected =
+            ["scan/a", "frame/a", "classes/a", "collapsed/a", "event", "event-ack", "health"];
+        assert_eq!(names, expected);
+        assert_eq!(plan.processes, crate::Role::all(&site(2, 10)).len());
+        assert_eq!(plan.topic("scan/a").unwrap().publishers, 2);
+    }
+
+    #[test]
+    fn two_windows_fit_a_buffer() {
+        for topic in Plan::new(&site(1, 10)).topics {
+            assert!(topic.required_readers == 0 || 2 * topic.window() <= topic.buffer as u64);
+        }
+    }
+}

@@ -3,7 +3,7 @@
 use crate::bus::Opened;
 use crate::clock::monotonic_ns;
 use crate::credit::CreditAccount;
-use crate::event_loop::EVENT_HELLO;
+use crate::doorbell::EVENT_HELLO;
 use crate::plan::{LOANS_MAX, TopicPlan};
 use crate::ports::{BusError, Element, Wire};
 use crate::subscriber::Subscriber;

@@ -2,7 +2,7 @@
 
 use crate::bus::{Bus, Opened};
 use crate::credit::{FinishedTable, Receipt};
-use crate::event_loop::Doorbell;
+use crate::doorbell::Doorbell;
 use crate::loss::{LossCounter, Losses};
 use crate::ports::{BusError, Element, Wire};
 use crate::publisher::Publisher;

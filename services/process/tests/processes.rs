@@ -223,6 +223,25 @@ fn a_clean_end_leaves_nothing() {
 }
 
 #[test]
+fn the_longest_run_directory_works_and_a_longer_one_is_refused() {
+    let dir = short_temporary_dir();
+    let fill =
+        process::instance::RUN_DIR_BYTES_MAX - dir.path().as_os_str().len() - "//probe".len();
+    let root = dir.path().join("r".repeat(fill));
+    let owner = Probe::start(&["own"], &root);
+    let up = owner.line();
+    let run_dir = PathBuf::from(up.strip_prefix("up ").unwrap_or_else(|| panic!("{up}")));
+    assert_eq!(run_dir.as_os_str().len(), process::instance::RUN_DIR_BYTES_MAX);
+    let receiver = Probe::start(&["receive"], &run_dir);
+    assert_eq!(receiver.line(), "up");
+    drop(receiver);
+    assert_eq!(owner.exit_code(), Some(0));
+    let refused = Probe::start(&["own"], &dir.path().join("r".repeat(fill + 1)));
+    let line = refused.line();
+    assert!(line.contains("bytes long"), "{line}");
+}
+
+#[test]
 fn a_second_owner_is_refused_in_words() {
     let domain = domain("real_time");
     let second = Probe::start(&["own"], domain.root.path());
