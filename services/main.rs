@@ -1,2 +1,49 @@
-//! tog.
-fn main() {}
+//! `tog`: one binary, every verb and every service. Reads like a table of contents.
+
+mod cli;
+mod demo;
+mod operate;
+mod pipeline;
+mod replay;
+mod site_file;
+
+use clap::Parser;
+use cli::{Alerts, Cli, Verb, Worker};
+use process::{Role, exit};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match Cli::parse().verb {
+        Verb::Demo(arguments) => demo::run(&arguments),
+        Verb::Replay(arguments) => replay::main(&arguments),
+        Verb::Run(arguments) => operate::run(&arguments),
+        Verb::Status(arguments) => operate::status(&arguments),
+        Verb::Alerts(Alerts::List(arguments)) => operate::alerts_list(&arguments),
+        Verb::Alerts(Alerts::Watch(arguments)) => operate::alerts_watch(&arguments),
+        Verb::Check(arguments) => operate::check(&arguments),
+        Verb::Schema => operate::schema(),
+        Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),
+        Verb::Fusion(worker) => serve("fusion", &worker, fusion::shell::run),
+        Verb::Mapper(worker) => serve("mapper", &worker, mapper::shell::run),
+        Verb::Anomaly(worker) => serve("anomaly", &worker, anomaly::run),
+        Verb::Alerts(Alerts::Serve(worker)) => serve("alerts", &worker, alerts::run),
+    }
+}
+
+/// Runs a service of a site that `tog run` started.
+fn serve(
+    service: &str,
+    worker: &Worker,
+    body: impl FnOnce(&mut process::Worker) -> Result<(), process::Failure>,
+) -> ExitCode {
+    match Role::from_arguments(service, worker.laser.as_deref(), worker.area.as_deref()) {
+        Ok(role) => process::run(role, &worker.instance, body),
+        Err(reason) => fail(exit::USAGE, reason),
+    }
+}
+
+/// Says why nothing more can be done.
+fn fail(code: u8, reason: impl std::fmt::Display) -> ExitCode {
+    eprintln!("tog: {reason}");
+    ExitCode::from(code)
+}

@@ -33,13 +33,19 @@ struct Mapper {
     end_told: bool,
 }
 
+/// Where an area's checkpoint lies.
+#[must_use]
+pub fn checkpoint_path(state_dir: &Path, area: &str) -> PathBuf {
+    state_dir.join(format!("{area}.map"))
+}
+
 /// Runs the mapper of the worker's area until it is asked to stop.
 ///
 /// # Errors
 /// If the site does not fit, shared memory breaks, or the state directory cannot be used.
 pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let mut mapper = Mapper::open(worker)?;
-    let path = worker.instance.state_dir.join(format!("{}.map", mapper.area.id));
+    let path = checkpoint_path(&worker.instance.state_dir, &mapper.area.id);
     mapper.restore(&path, &mut worker.health)?;
     let mut writer = Writer::start(path)?;
     let period_ns = (mapper.area.checkpoint_s * SECOND_NS as f64) as u64;
