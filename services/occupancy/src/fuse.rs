@@ -10,7 +10,7 @@
 
 use crate::sensor_model::{BeamReading, LaserModel};
 use crate::votes::{HIT, MISS, Votes};
-use crate::wedge::{Wedge, WedgeTable};
+use crate::wedge::{WedgeCell, WedgeTable};
 use protocol::geometry::GridGeometry;
 
 /// Incremental fusion of one area.
@@ -29,7 +29,15 @@ struct Laser {
     /// Per beam: readings in [low, high] say what the last one said. NaN is in no interval.
     low_m: Vec<f32>,
     high_m: Vec<f32>,
-    marks: Vec<Marks>,
+    beams: Vec<Beam>,
+}
+
+/// A beam's wedge in the table, and how far along it the last reading went.
+#[derive(Debug, Clone, Copy)]
+struct Beam {
+    start: usize,
+    end: usize,
+    marks: Marks,
 }
 
 /// Where a beam's evidence changes, as indices into its wedge: misses are [0, miss_end), hits are
@@ -134,16 +142,20 @@ impl Fuser {
 
 impl Laser {
     fn new(grid: &GridGeometry, model: LaserModel) -> Self {
+        let wedges = WedgeTable::build(grid, &model);
+        let marks = Marks::default();
+        let beams = wedges.bounds().map(|(start, end)| Beam { start, end, marks }).collect();
         let mut laser = Self {
-            wedges: WedgeTable::build(grid, &model),
+            wedges,
             low_m: vec![0.0; model.beams],
             high_m: vec![0.0; model.beams],
-            marks: vec![Marks::default(); model.beams],
+            beams,
             model,
         };
         let nothing = laser.model.interpret(f32::NAN);
         for beam in 0..laser.model.beams {
-            laser.set_interval(beam, nothing);
+            (laser.low_m[beam], laser.high_m[beam]) =
+                laser.interval(&[], Marks::default(), nothing);
         }
         laser
     }
@@ -177,62 +189,56 @@ impl Laser {
         moved.truncate(count);
     }
 
-    fn move_beam(&mut self, beam: usize, says: BeamReading, votes: &mut Votes) {
-        let wedge = self.wedges.wedge(beam);
-        let old = self.marks[beam];
-        let new = old.walked(&wedge, says, self.model.range_tolerance_m);
+    fn move_beam(&mut self, index: usize, says: BeamReading, votes: &mut Votes) {
+        let Some(&Beam { start, end, marks: old }) = self.beams.get(index) else { return };
+        let wedge = self.wedges.wedge(start, end);
+        let new = old.walked(wedge, says, self.model.range_tolerance_m);
+        (self.low_m[index], self.high_m[index]) = self.interval(wedge, new, says);
         if new != old {
-            cast_votes(wedge.cell, old, new, votes);
-            self.marks[beam] = new;
+            cast_votes(wedge, old, new, votes);
+            self.beams[index].marks = new;
         }
-        self.set_interval(beam, says);
     }
 
-    /// The readings between which the marks of this beam stay as they are. Only an early-out: it
+    /// The readings between which the marks of a beam stay as they are. Only an early-out: it
     /// is 1 nm short at each end, so no rounding can put a reading on the wrong side.
-    fn set_interval(&mut self, beam: usize, says: BeamReading) {
+    fn interval(&self, wedge: &[WedgeCell], marks: Marks, says: BeamReading) -> (f32, f32) {
         let geometry = &self.model.geometry;
-        let (low, high) = if says.echo_m.is_nan() {
-            if says.miss_below_m == f64::NEG_INFINITY {
+        if says.echo_m.is_nan() {
+            return if says.miss_below_m == f64::NEG_INFINITY {
                 (f32::NEG_INFINITY, f32_below(geometry.range_min_m))
             } else {
                 (f32_not_below(geometry.range_max_m), f32::INFINITY)
-            }
-        } else {
-            let marks = self.marks[beam];
-            let (low, high) =
-                marks.interval(self.wedges.wedge(beam).rho_m, self.model.range_tolerance_m);
-            (
-                f32_not_below((low + 1e-9).max(geometry.range_min_m)),
-                f32_below((high - 1e-9).min(geometry.range_max_m)),
-            )
-        };
-        self.low_m[beam] = low;
-        self.high_m[beam] = high;
+            };
+        }
+        let (low, high) = marks.interval(wedge, self.model.range_tolerance_m);
+        (
+            f32_not_below((low + 1e-9).max(geometry.range_min_m)),
+            f32_below((high - 1e-9).min(geometry.range_max_m)),
+        )
     }
 }
 
 impl Marks {
     /// The marks of a reading, found by walking from these.
-    fn walked(self, wedge: &Wedge<'_>, says: BeamReading, dr: f64) -> Self {
-        let rho = wedge.rho_m;
-        let miss_end = walk(rho, self.miss_end, |rho| says.misses(rho));
+    fn walked(self, wedge: &[WedgeCell], says: BeamReading, dr: f64) -> Self {
+        let miss_end = walk(wedge, self.miss_end, |rho| says.misses(rho));
         if says.echo_m.is_nan() {
             return Self { miss_end, hit_start: miss_end, hit_end: miss_end };
         }
         // |rho - r| < dr, split at its two ends; the subtraction is the sensor model's own.
-        let hit_start = walk(rho, miss_end, |rho| rho - says.echo_m <= -dr);
-        let hit_end = walk(rho, self.hit_end.max(hit_start), |rho| rho - says.echo_m < dr);
+        let hit_start = walk(wedge, miss_end, |rho| rho - says.echo_m <= -dr);
+        let hit_end = walk(wedge, self.hit_end.max(hit_start), |rho| rho - says.echo_m < dr);
         Self { miss_end, hit_start, hit_end: hit_end.max(hit_start) }
     }
 
     /// Open interval of the echoes that have these marks, metres.
-    fn interval(self, rho: &[f64], dr: f64) -> (f64, f64) {
-        let before = |mark: u32| match mark.checked_sub(1) {
-            Some(last) => rho[last as usize],
-            None => f64::NEG_INFINITY,
+    fn interval(self, wedge: &[WedgeCell], dr: f64) -> (f64, f64) {
+        let after = |mark: u32| wedge.get(mark as usize).map_or(f64::INFINITY, |cell| cell.rho_m);
+        let before = |mark: u32| {
+            let cell = wedge.get((mark as usize).wrapping_sub(1));
+            cell.map_or(f64::NEG_INFINITY, |cell| cell.rho_m)
         };
-        let after = |mark: u32| rho.get(mark as usize).copied().unwrap_or(f64::INFINITY);
         let low =
             (before(self.miss_end).max(before(self.hit_start)) + dr).max(before(self.hit_end) - dr);
         let high =
@@ -241,22 +247,26 @@ impl Marks {
     }
 }
 
-/// The number of leading values for which `inside` holds, searched from a guess near it.
+/// The number of leading cells for which `inside` holds, searched from a guess near it.
 #[inline]
-fn walk(rho: &[f64], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
+fn walk(wedge: &[WedgeCell], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
     let mut mark = guess as usize;
-    while mark < rho.len() && inside(rho[mark]) {
+    while let Some(cell) = wedge.get(mark)
+        && inside(cell.rho_m)
+    {
         mark += 1;
     }
-    while mark > 0 && !inside(rho[mark - 1]) {
+    while let Some(cell) = wedge.get(mark.wrapping_sub(1))
+        && !inside(cell.rho_m)
+    {
         mark -= 1;
     }
     mark as u32
 }
 
 /// Moves the votes of one beam from the old marks to the new ones.
-fn cast_votes(cells: &[u32], old: Marks, new: Marks, votes: &mut Votes) {
-    let span = |from: u32, to: u32| cells.get(from as usize..to as usize).unwrap_or(&[]);
+fn cast_votes(wedge: &[WedgeCell], old: Marks, new: Marks, votes: &mut Votes) {
+    let span = |from: u32, to: u32| wedge.get(from as usize..to as usize).unwrap_or(&[]);
     let touching = |marks: Marks| marks.miss_end == marks.hit_start;
     let overlapping = new.hit_start < old.hit_end && old.hit_start < new.hit_end;
     if touching(old) && touching(new) && overlapping {

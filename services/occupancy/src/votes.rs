@@ -1,6 +1,7 @@
 //! Votes of all beams on every cell, and the frame that follows from them (paper, 3.3):
 //! hit > miss > unknown, whoever says it.
 
+use crate::wedge::WedgeCell;
 use protocol::frame::Evidence;
 
 /// One vote for a hit.
@@ -36,7 +37,7 @@ impl Votes {
 
     /// Adds a difference of votes (wrapping: `MISS - HIT` turns a hit vote into a miss vote).
     #[inline]
-    pub(crate) fn add(&mut self, cell: u32, difference: u64) {
+    fn add(&mut self, cell: u32, difference: u64) {
         let Some(slot) = self.cells.get_mut(cell as usize) else { return };
         let votes = slot.wrapping_add(difference);
         *slot = votes;
@@ -47,9 +48,10 @@ impl Votes {
         }
     }
 
-    pub(crate) fn add_all(&mut self, cells: &[u32], difference: u64) {
-        for &cell in cells {
-            self.add(cell, difference);
+    #[inline]
+    pub(crate) fn add_all(&mut self, wedge: &[WedgeCell], difference: u64) {
+        for cell in wedge {
+            self.add(cell.cell, difference);
         }
     }
 

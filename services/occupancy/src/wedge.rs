@@ -3,48 +3,55 @@
 use crate::sensor_model::LaserModel;
 use protocol::geometry::GridGeometry;
 
-/// Cells by beam, ascending by rho within a beam. 12 B for every pair of cell and beam in view.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct WedgeTable {
-    start: Vec<usize>,
-    cell: Vec<u32>,
-    rho_m: Vec<f64>,
+/// A cell of a wedge. 12 B: a walk along the wedge should meet as few cache lines as can be.
+#[derive(Debug, Clone, Copy)]
+#[repr(C, packed(4))]
+pub(crate) struct WedgeCell {
+    pub(crate) rho_m: f64,
+    pub(crate) cell: u32,
 }
 
-/// The cells of one beam.
-#[derive(Clone, Copy)]
-pub(crate) struct Wedge<'a> {
-    pub(crate) cell: &'a [u32],
-    pub(crate) rho_m: &'a [f64],
+/// Cells by beam, ascending by rho within a beam.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct WedgeTable {
+    cells: Vec<WedgeCell>,
+    /// Where the wedge of each beam ends.
+    ends: Vec<usize>,
 }
 
 impl WedgeTable {
     pub(crate) fn build(grid: &GridGeometry, model: &LaserModel) -> Self {
-        let mut pairs: Vec<(u32, u32, f64)> = Vec::new();
+        let mut pairs: Vec<(u32, WedgeCell)> = Vec::new();
+        let mut ends = vec![0; model.beams];
         model.for_each_cell_in_view(grid, |cell, beam, rho_m| {
-            pairs.push((beam as u32, cell as u32, rho_m));
+            ends[beam] += 1;
+            pairs.push((beam as u32, WedgeCell { rho_m, cell: cell as u32 }));
         });
-        pairs.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.2.total_cmp(&b.2)).then(a.1.cmp(&b.1)));
-        let mut start = vec![0; model.beams + 1];
-        for (beam, _, _) in &pairs {
-            start[*beam as usize + 1] += 1;
+        pairs.sort_unstable_by(|(beam_a, a), (beam_b, b)| {
+            let (rho_a, rho_b) = (a.rho_m, b.rho_m);
+            let cells = (a.cell, b.cell);
+            beam_a.cmp(beam_b).then(rho_a.total_cmp(&rho_b)).then(cells.0.cmp(&cells.1))
+        });
+        let mut end = 0;
+        for count in &mut ends {
+            end += *count;
+            *count = end;
         }
-        for beam in 0..model.beams {
-            start[beam + 1] += start[beam];
-        }
-        Self {
-            start,
-            cell: pairs.iter().map(|pair| pair.1).collect(),
-            rho_m: pairs.iter().map(|pair| pair.2).collect(),
-        }
+        Self { cells: pairs.iter().map(|pair| pair.1).collect(), ends }
     }
 
-    pub(crate) fn wedge(&self, beam: usize) -> Wedge<'_> {
-        let range = self.start[beam]..self.start[beam + 1];
-        Wedge { cell: &self.cell[range.clone()], rho_m: &self.rho_m[range] }
+    /// Where the wedge of each beam starts and ends in the table.
+    pub(crate) fn bounds(&self) -> impl Iterator<Item = (usize, usize)> {
+        let starts = std::iter::once(0).chain(self.ends.iter().copied());
+        starts.zip(self.ends.iter().copied())
+    }
+
+    #[inline]
+    pub(crate) fn wedge(&self, start: usize, end: usize) -> &[WedgeCell] {
+        self.cells.get(start..end).unwrap_or(&[])
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        self.cell.len() * (size_of::<u32>() + size_of::<f64>())
+        self.cells.len() * size_of::<WedgeCell>()
     }
 }

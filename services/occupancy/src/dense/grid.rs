@@ -4,10 +4,10 @@
 
 use crate::config::GridConfig;
 use protocol::frame::Evidence;
-use protocol::grid::CLASS_UNKNOWN;
+use protocol::grid::{CLASS_UNKNOWN, TIMESCALES_MAX};
 
-/// Cells that are classified together, so that their distances stay in the L1 cache.
-const BLOCK: usize = 256;
+/// Cells that are classified together: their distances fit the registers, whatever they are.
+const LANES: usize = 8;
 
 /// Dense temporal grid of one area.
 #[derive(Debug, Clone)]
@@ -106,30 +106,25 @@ impl TemporalGrid {
     /// Eq. 8 for every cell.
     fn classify(&mut self) {
         let cells = self.config.cells;
-        let longest = f64::from(self.config.longest_frames());
-        let known_min = self.config.known_share_min * longest;
+        let known_min = self.config.known_share_min * f64::from(self.config.longest_frames());
         let transit = self.config.transit.then_some(self.config.prototypes.len() as u8);
-        let mut occupancy = vec![[0.0; BLOCK]; self.config.windows.len()];
-        for first in (0..cells).step_by(BLOCK) {
-            let count = BLOCK.min(cells - first);
-            for (k, row) in occupancy.iter_mut().enumerate() {
-                let frames = f64::from(self.config.windows[k]);
+        let mut occupancy = [[0.0; LANES]; TIMESCALES_MAX];
+        for first in (0..cells).step_by(LANES) {
+            let count = LANES.min(cells - first);
+            for (k, (row, &frames)) in occupancy.iter_mut().zip(&self.config.windows).enumerate() {
                 let sums = &self.sums[k * cells + first..][..count];
                 for (o, &sum) in row.iter_mut().zip(sums) {
-                    *o = (f64::from(sum) / frames + 1.0) / 2.0;
+                    *o = (f64::from(sum) / f64::from(frames) + 1.0) / 2.0;
                 }
             }
             let nearest = nearest(&occupancy, &self.config.prototypes);
-            let range = first..first + count;
-            let (known, hits) = (&self.known[range.clone()], &self.hits[range.clone()]);
-            for (i, class) in self.classes[range].iter_mut().enumerate() {
-                *class = nearest[i] as u8;
-                if let (0, Some(transit), 1..) = (*class, transit, hits[i]) {
-                    *class = transit;
+            for cell in first..first + count {
+                let mut class = nearest[cell - first] as u8;
+                if let (0, Some(transit), 1..) = (class, transit, self.hits[cell]) {
+                    class = transit;
                 }
-                if f64::from(known[i]) < known_min {
-                    *class = CLASS_UNKNOWN;
-                }
+                let unknown = f64::from(self.known[cell]) < known_min;
+                self.classes[cell] = if unknown { CLASS_UNKNOWN } else { class };
             }
         }
     }
@@ -184,20 +179,21 @@ fn value(evidence: u8) -> i32 {
 }
 
 /// Ids of the nearest prototypes; ties to the lower id.
-fn nearest(occupancy: &[[f64; BLOCK]], prototypes: &[Vec<f64>]) -> [u64; BLOCK] {
-    let mut best = [f64::INFINITY; BLOCK];
-    let mut id = [0_u64; BLOCK];
+#[inline]
+fn nearest(occupancy: &[[f64; LANES]], prototypes: &[Vec<f64>]) -> [u64; LANES] {
+    let mut least = [f64::INFINITY; LANES];
+    let mut id = [0_u64; LANES];
     for (candidate, prototype) in prototypes.iter().enumerate() {
-        let mut distance = [0.0; BLOCK];
+        let mut distance = [0.0; LANES];
         for (row, &p) in occupancy.iter().zip(prototype) {
-            for (distance, &o) in distance.iter_mut().zip(row) {
-                *distance += (o - p) * (o - p);
+            for lane in 0..LANES {
+                distance[lane] += (row[lane] - p) * (row[lane] - p);
             }
         }
-        for i in 0..BLOCK {
-            let nearer = distance[i] < best[i];
-            best[i] = if nearer { distance[i] } else { best[i] };
-            id[i] = if nearer { candidate as u64 } else { id[i] };
+        for lane in 0..LANES {
+            let nearer = distance[lane] < least[lane];
+            least[lane] = if nearer { distance[lane] } else { least[lane] };
+            id[lane] = if nearer { candidate as u64 } else { id[lane] };
         }
     }
     id

@@ -1,0 +1,168 @@
+//! `cargo bench -p occupancy --bench table [-- W1r W2r W3r static long]`: the table of the README.
+//!
+//! One thread, CPU time. Windows are full before anything is measured. The two versions take turns
+//! on blocks of the same frames; medians of the blocks, and of their ratios. At the end their
+//! classes, sums and counts are compared: a fast wrong answer is an error.
+#![allow(clippy::unwrap_used)]
+
+mod support;
+
+use support::{Dense, Incremental, Load, cpu_us, median};
+
+/// Blocks measured, and frames of each.
+const BLOCKS: usize = 24;
+
+fn main() {
+    let wanted: Vec<String> =
+        std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
+    let wants = |name: &str| wanted.is_empty() || wanted.iter().any(|wanted| wanted == name);
+    println!(
+        "| workload | cells | dense us | (fusion) | incremental us | (fusion) | by planes us \
+              | ratio | x real time | changed cells a frame | 60 s history MB |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    let frames = |window: usize, block: usize| (window + 3 * BLOCKS * block) as u64;
+    if wants("W1r") {
+        compare(&Load::w1r(frames(4500, 25)), 25);
+    }
+    if wants("W2r") {
+        compare(&Load::w2r(frames(4500, 50)), 50);
+    }
+    if wants("W3r") {
+        compare(&Load::w3r(frames(1500, 6)), 6);
+    }
+    if wants("static") {
+        static_scene();
+    }
+    if wants("long") {
+        long_run();
+    }
+}
+
+fn compare(load: &Load, block: usize) {
+    let (mut incremental, mut dense) = (Incremental::new(load), Dense::new(load));
+    let warm = load.window();
+    for (number, scans) in load.ranges_m[..warm].iter().enumerate() {
+        incremental.frame(number as u64, scans);
+        dense.frame(number as u64, scans);
+    }
+    incremental.changes = 0;
+    let mut medians: [Vec<f64>; 6] = Default::default();
+    for (index, blocks) in load.ranges_m[warm..].chunks_exact(block).enumerate() {
+        let first = (warm + index * block) as u64;
+        let numbered = || (first..).zip(blocks);
+        let per_frame = |from: f64| (cpu_us() - from) / block as f64;
+        let start = cpu_us();
+        let by_planes = index % 3 == 2;
+        let mut fusion = 0.0;
+        for (number, scans) in numbered() {
+            let before = cpu_us();
+            incremental.fuse(scans);
+            fusion += cpu_us() - before;
+            if by_planes {
+                incremental.step_by_planes(number);
+            } else {
+                incremental.step(number);
+            }
+        }
+        // Reading the clock costs as much as a small frame: every second block goes without.
+        let split = index % 3 == 1;
+        let fast = per_frame(start);
+        if split {
+            medians[3].push(fusion / block as f64);
+        }
+        let start = cpu_us();
+        for (number, scans) in numbered() {
+            dense.frame(number, scans);
+        }
+        let slow = per_frame(start);
+        let start = cpu_us();
+        for (_, scans) in numbered() {
+            dense.fuse(scans);
+        }
+        medians[1].push(per_frame(start));
+        medians[0].push(slow);
+        if by_planes {
+            medians[4].push(fast);
+        } else {
+            medians[2].push(fast);
+            medians[5].push(slow / fast);
+        }
+    }
+    check(load, &incremental, &dense);
+    let measured = (load.ranges_m.len() - warm) as f64 * 2.0 / 3.0;
+    let [dense_us, dense_fusion, fast_us, fast_fusion, planes_us, ratio] =
+        medians.map(|mut values| median(&mut values));
+    println!(
+        "| {} | {} | {dense_us:.0} | {dense_fusion:.0} | {fast_us:.1} | {fast_fusion:.1} \
+         | {planes_us:.1} | {ratio:.1} | {:.0} | {:.0} | {:.2} |",
+        load.name,
+        load.cells(),
+        load.frame_period_ns as f64 * 1e-3 / fast_us,
+        incremental.changes as f64 / measured,
+        incremental.grid.history_bytes() as f64 * 1e-6,
+    );
+}
+
+fn check(load: &Load, incremental: &Incremental, dense: &Dense) {
+    assert!(incremental.grid.classes() == dense.grid.classes(), "classes differ");
+    let mut counts = vec![0; load.config.classes() * load.cells()];
+    incremental.grid.collapsed(0, &mut counts);
+    assert!(counts == dense.grid.collapsed(0), "counts differ");
+    for cell in 0..load.cells() {
+        assert_eq!(incremental.grid.known(cell), dense.grid.known(cell), "K of cell {cell}");
+        for k in 0..load.config.windows.len() {
+            assert_eq!(incremental.grid.sum(k, cell), dense.grid.sum(k, cell), "S of cell {cell}");
+        }
+    }
+}
+
+/// The same scan for ever: what a frame costs when nothing changes.
+fn static_scene() {
+    let load = Load::w1r(1);
+    let mut incremental = Incremental::new(&load);
+    for number in 0..10_000 {
+        incremental.frame(number, &load.ranges_m[0]);
+    }
+    let (mut lists, mut planes) = (Vec::new(), Vec::new());
+    let mut number = 10_000;
+    for block in 0..40 {
+        let start = cpu_us();
+        for _ in 0..500 {
+            incremental.fuse(&load.ranges_m[0]);
+            if block % 2 == 0 {
+                incremental.step(number);
+            } else {
+                incremental.step_by_planes(number);
+            }
+            number += 1;
+        }
+        let per_frame = (cpu_us() - start) / 500.0;
+        if block % 2 == 0 { &mut lists } else { &mut planes }.push(per_frame);
+    }
+    println!(
+        "\nW1r without change: {:.2} us a frame, by planes {:.2} us",
+        median(&mut lists),
+        median(&mut planes)
+    );
+}
+
+/// Twenty minutes of W2r, warm-up included.
+fn long_run() {
+    let load = Load::w2r(90_000);
+    let mut incremental = Incremental::new(&load);
+    let start = cpu_us();
+    for (number, scans) in (0..).zip(&load.ranges_m) {
+        incremental.frame(number, scans);
+    }
+    let us = cpu_us() - start;
+    let frames = load.ranges_m.len() as f64;
+    println!(
+        "\nW2r, 20 minutes from the first frame: {:.2} s, {:.1} us a frame, {:.0} x real time, \
+         60 s history {:.2} MB",
+        us * 1e-6,
+        us / frames,
+        frames * load.frame_period_ns as f64 * 1e-3 / us,
+        incremental.grid.history_bytes() as f64 * 1e-6,
+    );
+}
