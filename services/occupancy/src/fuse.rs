@@ -13,6 +13,9 @@ use crate::votes::{HIT, MISS, Votes};
 use crate::wedge::{WedgeCell, WedgeTable};
 use protocol::geometry::GridGeometry;
 
+/// Beams whose places in the wedges are fetched together: two cache lines each.
+const FETCHED_BEAMS: usize = 32;
+
 /// Incremental fusion of one area.
 #[derive(Debug, Clone)]
 pub struct Fuser {
@@ -95,10 +98,14 @@ impl Fuser {
         let Some(Some(laser)) = self.lasers.get_mut(laser) else { return };
         debug_assert_eq!(ranges_m.len(), laser.model.beams, "beams of the scan and of the model");
         laser.find_moved(ranges_m, &mut self.moved);
-        for &beam in &self.moved {
-            let beam = beam as usize;
-            laser.move_beam(beam, laser.model.interpret(ranges_m[beam]), &mut self.votes);
+        for beams in self.moved.chunks(FETCHED_BEAMS) {
+            laser.fetch(beams);
+            for &beam in beams {
+                let beam = beam as usize;
+                laser.move_beam(beam, laser.model.interpret(ranges_m[beam]), &mut self.votes);
+            }
         }
+        self.votes.cast();
     }
 
     /// The laser is absent: what only it saw is unknown, until its next scan.
@@ -107,6 +114,7 @@ impl Fuser {
         for beam in 0..laser.model.beams {
             laser.move_beam(beam, laser.model.interpret(f32::NAN), &mut self.votes);
         }
+        self.votes.cast();
     }
 
     /// Plane of hits, as in `protocol::frame`.
@@ -189,13 +197,26 @@ impl Laser {
         moved.truncate(count);
     }
 
+    /// Brings what `move_beam` will look at into the cache, all at once instead of one by one.
+    fn fetch(&self, beams: &[u32]) {
+        let mut touched = 0;
+        for &beam in beams {
+            if let Some(&Beam { start, marks, .. }) = self.beams.get(beam as usize) {
+                for mark in [marks.hit_start, marks.hit_end] {
+                    touched ^= self.wedges.cell_number(start + mark as usize);
+                }
+            }
+        }
+        std::hint::black_box(touched);
+    }
+
     fn move_beam(&mut self, index: usize, says: BeamReading, votes: &mut Votes) {
         let Some(&Beam { start, end, marks: old }) = self.beams.get(index) else { return };
         let wedge = self.wedges.wedge(start, end);
         let new = old.walked(wedge, says, self.model.range_tolerance_m);
         (self.low_m[index], self.high_m[index]) = self.interval(wedge, new, says);
         if new != old {
-            cast_votes(wedge, old, new, votes);
+            note_votes(wedge, old, new, votes);
             self.beams[index].marks = new;
         }
     }
@@ -264,22 +285,22 @@ fn walk(wedge: &[WedgeCell], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
     mark as u32
 }
 
-/// Moves the votes of one beam from the old marks to the new ones.
-fn cast_votes(wedge: &[WedgeCell], old: Marks, new: Marks, votes: &mut Votes) {
+/// Notes the votes of one beam that change from the old marks to the new ones.
+fn note_votes(wedge: &[WedgeCell], old: Marks, new: Marks, votes: &mut Votes) {
     let span = |from: u32, to: u32| wedge.get(from as usize..to as usize).unwrap_or(&[]);
     let touching = |marks: Marks| marks.miss_end == marks.hit_start;
     let overlapping = new.hit_start < old.hit_end && old.hit_start < new.hit_end;
     if touching(old) && touching(new) && overlapping {
         // The usual case: the echo moved a little. Nearer cells turn from hit to miss or back.
-        votes.add_all(span(old.hit_start, new.hit_start), MISS.wrapping_sub(HIT));
-        votes.add_all(span(new.hit_start, old.hit_start), HIT.wrapping_sub(MISS));
-        votes.add_all(span(old.hit_end, new.hit_end), HIT);
-        votes.add_all(span(new.hit_end, old.hit_end), HIT.wrapping_neg());
+        votes.note(span(old.hit_start, new.hit_start), MISS.wrapping_sub(HIT));
+        votes.note(span(new.hit_start, old.hit_start), HIT.wrapping_sub(MISS));
+        votes.note(span(old.hit_end, new.hit_end), HIT);
+        votes.note(span(new.hit_end, old.hit_end), HIT.wrapping_neg());
     } else {
-        votes.add_all(span(new.hit_start, new.hit_end), HIT);
-        votes.add_all(span(old.miss_end, new.miss_end), MISS);
-        votes.add_all(span(old.hit_start, old.hit_end), HIT.wrapping_neg());
-        votes.add_all(span(new.miss_end, old.miss_end), MISS.wrapping_neg());
+        votes.note(span(new.hit_start, new.hit_end), HIT);
+        votes.note(span(old.miss_end, new.miss_end), MISS);
+        votes.note(span(old.hit_start, old.hit_end), HIT.wrapping_neg());
+        votes.note(span(new.miss_end, old.miss_end), MISS.wrapping_neg());
     }
 }
 

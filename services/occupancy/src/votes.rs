@@ -22,7 +22,19 @@ pub(crate) struct Votes {
     pub(crate) hit: Vec<u64>,
     pub(crate) known: Vec<u64>,
     pub(crate) changed: Vec<u32>,
+    /// Differences that are not cast yet.
+    pending: Vec<Difference>,
 }
+
+#[derive(Debug, Clone, Copy)]
+struct Difference {
+    cell: u32,
+    votes: u64,
+}
+
+/// Differences whose cells are fetched together before any of them is cast: as many cache misses
+/// as a core can have under way, and they stay in its L1 cache.
+const FETCHED: usize = 32;
 
 impl Votes {
     pub(crate) fn new(cells: usize) -> Self {
@@ -32,10 +44,32 @@ impl Votes {
             hit: vec![0; words],
             known: vec![0; words],
             changed: Vec::new(),
+            pending: Vec::new(),
         }
     }
 
-    /// Adds a difference of votes (wrapping: `MISS - HIT` turns a hit vote into a miss vote).
+    /// Notes a difference of votes for some cells of a wedge (wrapping: `MISS - HIT` turns a hit
+    /// vote into a miss vote).
+    #[inline]
+    pub(crate) fn note(&mut self, wedge: &[WedgeCell], votes: u64) {
+        self.pending.extend(wedge.iter().map(|cell| Difference { cell: cell.cell, votes }));
+    }
+
+    /// Casts what was noted.
+    pub(crate) fn cast(&mut self) {
+        let pending = std::mem::take(&mut self.pending);
+        for differences in pending.chunks(FETCHED) {
+            let cells = differences.iter().map(|difference| difference.cell as usize);
+            let touched = cells.fold(0, |sum, cell| sum ^ self.cells.get(cell).unwrap_or(&0));
+            std::hint::black_box(touched);
+            for difference in differences {
+                self.add(difference.cell, difference.votes);
+            }
+        }
+        self.pending = pending;
+        self.pending.clear();
+    }
+
     #[inline]
     fn add(&mut self, cell: u32, difference: u64) {
         let Some(slot) = self.cells.get_mut(cell as usize) else { return };
@@ -45,13 +79,6 @@ impl Votes {
             if votes & HITS != 0 { Evidence::Hit as u64 } else { u64::from(votes & MISSES != 0) };
         if evidence != votes >> LIVE_SHIFT & 3 {
             self.show(cell, evidence);
-        }
-    }
-
-    #[inline]
-    pub(crate) fn add_all(&mut self, wedge: &[WedgeCell], difference: u64) {
-        for cell in wedge {
-            self.add(cell.cell, difference);
         }
     }
 

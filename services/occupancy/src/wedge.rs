@@ -51,6 +51,12 @@ impl WedgeTable {
         self.cells.get(start..end).unwrap_or(&[])
     }
 
+    /// The cell at a place of the table, 0 behind its end.
+    #[inline]
+    pub(crate) fn cell_number(&self, place: usize) -> u32 {
+        self.cells.get(place).map_or(0, |cell| cell.cell)
+    }
+
     pub(crate) fn bytes(&self) -> usize {
         self.cells.len() * size_of::<WedgeCell>()
     }
