@@ -221,8 +221,8 @@ impl Laser {
         }
     }
 
-    /// The readings between which the marks of a beam stay as they are. Only an early-out: it
-    /// is 1 nm short at each end, so no rounding can put a reading on the wrong side.
+    /// The readings between which the marks of a beam stay as they are. Only an early-out: it is
+    /// some micrometres short at each end, so no rounding can put a reading on the wrong side.
     fn interval(&self, wedge: &[WedgeCell], marks: Marks, says: BeamReading) -> (f32, f32) {
         let geometry = &self.model.geometry;
         if says.echo_m.is_nan() {
@@ -232,24 +232,25 @@ impl Laser {
                 (f32_not_below(geometry.range_max_m), f32::INFINITY)
             };
         }
+        // Rounding to f32 moves a number by 6e-8 of itself at most.
+        const SHORT: f64 = 2e-7;
         let (low, high) = marks.interval(wedge, self.model.range_tolerance_m);
-        (
-            f32_not_below((low + 1e-9).max(geometry.range_min_m)),
-            f32_below((high - 1e-9).min(geometry.range_max_m)),
-        )
+        let low = low.max(geometry.range_min_m) * (1.0 + SHORT) + 1e-9;
+        let high = high.min(geometry.range_max_m) * (1.0 - SHORT) - 1e-9;
+        (low as f32, high as f32)
     }
 }
 
 impl Marks {
     /// The marks of a reading, found by walking from these.
     fn walked(self, wedge: &[WedgeCell], says: BeamReading, dr: f64) -> Self {
-        let miss_end = walk(wedge, self.miss_end, |rho| says.misses(rho));
+        let miss_end = walk_window(wedge, self.miss_end, |rho| says.misses(rho));
         if says.echo_m.is_nan() {
             return Self { miss_end, hit_start: miss_end, hit_end: miss_end };
         }
         // |rho - r| < dr, split at its two ends; the subtraction is the sensor model's own.
         let hit_start = walk(wedge, miss_end, |rho| rho - says.echo_m <= -dr);
-        let hit_end = walk(wedge, self.hit_end.max(hit_start), |rho| rho - says.echo_m < dr);
+        let hit_end = walk_window(wedge, self.hit_end.max(hit_start), |rho| rho - says.echo_m < dr);
         Self { miss_end, hit_start, hit_end: hit_end.max(hit_start) }
     }
 
@@ -266,6 +267,19 @@ impl Marks {
             (after(self.miss_end).min(after(self.hit_start)) + dr).min(after(self.hit_end) - dr);
         (low, high)
     }
+}
+
+/// As [`walk`], for a mark that moves a few cells, either way, at random: counts within a window
+/// without a branch, since a mispredicted one costs more than the window.
+#[inline]
+fn walk_window(wedge: &[WedgeCell], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
+    const WINDOW: usize = 8;
+    let Some(last) = wedge.len().checked_sub(WINDOW) else { return walk(wedge, guess, inside) };
+    let first = (guess as usize).saturating_sub(WINDOW / 2).min(last);
+    let Some(window) = wedge.get(first..first + WINDOW) else { return guess };
+    let count: usize = window.iter().map(|cell| usize::from(inside(cell.rho_m))).sum();
+    let mark = (first + count) as u32;
+    if (1..WINDOW).contains(&count) { mark } else { walk(wedge, mark, inside) }
 }
 
 /// The number of leading cells for which `inside` holds, searched from a guess near it.
@@ -292,10 +306,12 @@ fn note_votes(wedge: &[WedgeCell], old: Marks, new: Marks, votes: &mut Votes) {
     let overlapping = new.hit_start < old.hit_end && old.hit_start < new.hit_end;
     if touching(old) && touching(new) && overlapping {
         // The usual case: the echo moved a little. Nearer cells turn from hit to miss or back.
-        votes.note(span(old.hit_start, new.hit_start), MISS.wrapping_sub(HIT));
-        votes.note(span(new.hit_start, old.hit_start), HIT.wrapping_sub(MISS));
-        votes.note(span(old.hit_end, new.hit_end), HIT);
-        votes.note(span(new.hit_end, old.hit_end), HIT.wrapping_neg());
+        let near = (old.hit_start.min(new.hit_start), old.hit_start.max(new.hit_start));
+        let far = (old.hit_end.min(new.hit_end), old.hit_end.max(new.hit_end));
+        let sign = |grows: bool| if grows { 1_u64 } else { u64::MAX };
+        let turned = MISS.wrapping_sub(HIT).wrapping_mul(sign(new.hit_start > old.hit_start));
+        votes.note(span(near.0, near.1), turned);
+        votes.note(span(far.0, far.1), HIT.wrapping_mul(sign(new.hit_end > old.hit_end)));
     } else {
         votes.note(span(new.hit_start, new.hit_end), HIT);
         votes.note(span(old.miss_end, new.miss_end), MISS);

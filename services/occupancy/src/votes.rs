@@ -52,7 +52,9 @@ impl Votes {
     /// vote into a miss vote).
     #[inline]
     pub(crate) fn note(&mut self, wedge: &[WedgeCell], votes: u64) {
-        self.pending.extend(wedge.iter().map(|cell| Difference { cell: cell.cell, votes }));
+        for cell in wedge {
+            self.pending.push(Difference { cell: cell.cell, votes });
+        }
     }
 
     /// Casts what was noted.
