@@ -9,9 +9,10 @@
 use protocol::event::EventChange;
 use std::collections::BTreeMap;
 
-/// Most origins: areas and hosts of a site; a site has at most 256 areas, and one row of state each.
+/// Most origins: a site has at most 64 areas and a few hosts; the rest is for areas that were
+/// renamed.
 pub const ORIGINS_MAX: usize = 512;
-/// Most changes held behind a hole, per origin: an origin writes a few a minute, so this is an hour.
+/// Most changes held behind a hole, per origin: it writes a few a minute, so this is an hour.
 pub const HELD_MAX: usize = 256;
 /// How long a hole is waited for: an origin that restarts is back within 2 s and sends again then.
 pub const GAP_WAIT_NS: u64 = 5 * protocol::time::SECOND_NS;

@@ -1,14 +1,15 @@
 //! The journal of events and its feed: what a security desk was told, when, and in which words.
 //!
-//! Purpose: a change of an event reaches this process from an origin (an area, the host), is written
-//! to disk, and only then is anybody told. Whoever comes later asks "all after n".
+//! Purpose: a change of an event reaches this process from an origin (an area, the host), is
+//! written to disk, and only then is anybody told. Whoever comes later asks "all after n".
 //!
 //! Invariants
 //! - **fsync before anybody is told.** The one exception is a disk that cannot be written: the desk
 //!   is told at once, and every such line is marked `"journaled": false` until the disk is back.
-//! - **Nothing twice, nothing lost, nothing silent.** `(origin, sequence)` is unique in the journal.
-//!   An origin keeps a change until it is acknowledged, and a change is acknowledged only once it is
-//!   on disk. A change that nobody can deliver any more is a row in the table `gap` and a warning.
+//! - **Nothing twice, nothing lost, nothing silent.** `(origin, sequence)` is unique in the
+//!   journal. An origin keeps a change until it is acknowledged, and a change is acknowledged only
+//!   once it is on disk. A change that nobody can deliver any more is a row in the table `gap` and
+//!   a warning.
 //! - **The contract of an origin**: keep what is not acknowledged (the highest number counts). Send
 //!   it again when an acknowledgement comes from a new session (the service was restarted), or
 //!   repeats a number (something before is missing). An acknowledgement beyond the own last number

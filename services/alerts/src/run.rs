@@ -42,8 +42,8 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         acknowledgements: worker.bus.publisher(&topic::event_acknowledgement(), 0)?,
         garbage: 0,
     };
-    // To all, also to those of whom nothing is known: what was sent while no service ran is lost, and
-    // the acknowledgement of a new session asks for it.
+    // To all, also to those of whom nothing is known: what was sent while no service ran is lost,
+    // and the acknowledgement of a new session asks for it.
     service.acknowledge(Vec::new(), worker);
     service.handle(report, worker);
     worker.health.set_state(ServiceState::Running);
@@ -155,8 +155,9 @@ impl Service {
         }
     }
 
-    /// Publishes what origins may forget: those of the site and the `wanted` ones. The topic keeps as many messages for late readers as the
-    /// site has origins, so all of them are said each time: a restarted origin finds its own.
+    /// Publishes what origins may forget: those of the site and the `wanted` ones. The topic keeps
+    /// as many messages for late readers as the site has origins, so all of them are said each
+    /// time: a restarted origin finds its own.
     fn acknowledge(&mut self, wanted: Vec<EventAcknowledgement>, worker: &Worker) {
         let of_site: Vec<&str> =
             worker.site.areas.iter().map(|area| area.id.as_str()).chain([HOST]).collect();

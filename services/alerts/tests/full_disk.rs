@@ -50,7 +50,7 @@ impl SmallDisk {
 
 impl Drop for SmallDisk {
     fn drop(&mut self) {
-        let _ = Command::new("umount").arg(self.directory.path()).status();
+        let _ = Command::new("umount").arg("-l").arg(self.directory.path()).status();
     }
 }
 

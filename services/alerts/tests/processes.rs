@@ -108,6 +108,11 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
+        if self.name == "own" {
+            // An owner that ends by itself leaves nothing in shared memory.
+            drop(self.child.stdin.take());
+            while self.lines.recv_timeout(WATCHDOG).is_ok() {}
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

@@ -8,15 +8,17 @@
 //! "all after `journal_id` 17", or "what comes from now on". The feed answers
 //! ```json
 //! {"feed": 1, "after": 17, "reset": false}
-//! {"journal_id": 18, "journaled": true, "received_ns": 1795.., "origin": "foyer", "sequence": 4, ..}
+//! {"journal_id": 18, "journaled": true, "received_ns": 1795.., "id": "foyer-4", ..}
 //! {"closing": "why"}
 //! ```
 //! - The first line says where the stream begins; `reset` is true if the journal does not reach as
 //!   far as the cursor, because somebody replaced it: then it begins at the first row.
-//! - A change with `"journaled": false` and no `journal_id` is told while the disk cannot be written.
-//!   It comes **again**, with its `journal_id`, once it is on disk: `(origin, sequence)` is its name.
-//! - A client that reads slowly loses nothing: its lines wait in the journal, not in memory. One that
-//!   takes nothing at all for [`STALL_NS`] is told so and closed; it goes on with its last cursor.
+//! - A change with `"journaled": false` and no `journal_id` is told while the disk cannot be
+//!   written. It comes **again**, with its `journal_id`, once it is on disk: `(origin, sequence)`
+//!   is its name.
+//! - A client that reads slowly loses nothing: its lines wait in the journal, not in memory. One
+//!   that takes nothing at all for [`STALL_NS`] is told so and closed; it goes on with its last
+//!   cursor.
 //! - Closing the socket, also its sending half, ends the stream.
 //!
 //! This is the pure state machine: bytes, rows and the time (CLOCK_MONOTONIC, ns) are arguments.

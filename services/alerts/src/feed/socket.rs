@@ -132,7 +132,8 @@ impl FeedSocket {
                 continue;
             }
             match self.feed.connect(mono_ns) {
-                // A new socket has room for one line; if not, its client learns nothing but the end.
+                // A new socket has room for one line; if not, its client learns nothing but the
+                // end.
                 Err(last_line) => drop(stream.write_all(last_line.as_bytes())),
                 Ok(id) => match self.events.watch(&stream, Interest::Read) {
                     Ok(token) => {

@@ -1,4 +1,5 @@
-//! A damaged journal is evidence: it is named and kept aside, never repaired in place or overwritten.
+//! A damaged journal is evidence: it is named and kept aside, never repaired in place or
+//! overwritten.
 
 use super::JournalError;
 use std::ffi::OsString;

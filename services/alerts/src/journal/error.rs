@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 pub enum JournalError {
     /// No room. The change is not on disk; try again when there is space.
     #[error(
-        "the disk under the journal {path} is full ({detail}): free space on it; events are kept in memory until then"
+        "the disk under the journal {path} is full ({detail}): free space on it; \
+         events are kept in memory until then"
     )]
     Full {
         /// The journal.
@@ -26,7 +27,8 @@ pub enum JournalError {
     },
     /// Any other failure of reading or writing: permissions, a disk that fails.
     #[error(
-        "the journal {path} cannot be used: {detail}: check the disk and the rights of this user on it"
+        "the journal {path} cannot be used: {detail}: \
+         check the disk and the rights of this user on it"
     )]
     Unusable {
         /// The journal.
@@ -36,7 +38,8 @@ pub enum JournalError {
     },
     /// A file of something else is in the place.
     #[error(
-        "{path} is an SQLite file but not a journal of tog (application id {found:#x}): move it away, or set another state_dir in the site file"
+        "{path} is an SQLite file but not a journal of tog (application id {found:#x}): \
+         move it away, or set another state_dir in the site file"
     )]
     Foreign {
         /// The file.
@@ -46,7 +49,8 @@ pub enum JournalError {
     },
     /// Written by a later program.
     #[error(
-        "the journal {path} has layout version {found}, this tog writes {expected}: update tog, or set another state_dir in the site file"
+        "the journal {path} has layout version {found}, this tog writes {expected}: \
+         update tog, or set another state_dir in the site file"
     )]
     Newer {
         /// The journal.

@@ -1,7 +1,8 @@
 //! The layout of the journal, for a person with `sqlite3` as much as for us.
 //!
 //! `PRAGMA user_version` counts the migrations that were applied; each is one transaction, none is
-//! ever edited. `PRAGMA application_id` says that the file is ours before anything is written to it.
+//! ever edited. `PRAGMA application_id` says that the file is ours before anything is written to
+//! it.
 
 use rusqlite::Connection;
 

@@ -80,7 +80,8 @@ impl Keeper {
         }
     }
 
-    /// A number that was handed on before: a double, a conflict, or one given up that came after all.
+    /// A number that was handed on before: a double, a conflict, or one given up that came after
+    /// all.
     pub(super) fn store_again(&mut self, change: EventChange, now: Now, report: &mut Report) {
         if self.trouble.is_some() {
             // It is on disk, or in the backlog; if it is neither, its origin still has it.
@@ -182,7 +183,8 @@ impl Keeper {
         Ok(())
     }
 
-    /// Runs one write; if it meets damage, sets the journal aside, begins a new one, and repeats it.
+    /// Runs one write; if it meets damage, sets the journal aside, begins a new one, and repeats
+    /// it.
     fn write<T>(
         &mut self,
         now: Now,
