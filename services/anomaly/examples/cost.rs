@@ -36,15 +36,18 @@ fn main() {
     println!("|---|---|---|---|");
     for flips in [0usize, 10, 100, 1000] {
         let mut took_us: Vec<f64> = Vec::new();
+        let mut passed: Vec<usize> = Vec::new();
         for frame in 0..FRAMES {
-            for flip in 0..flips {
-                let cell = (frame as usize * 7919 + flip * 104_729) % classes.len();
-                // A place that somebody passes, and leaves again in the next round.
-                classes[cell] = match classes[cell] {
-                    0 => 5,
-                    5 => 0,
-                    other => other,
-                };
+            // Somebody passes where nobody went: last frame's cells are empty again.
+            for cell in passed.drain(..) {
+                classes[cell] = 0;
+            }
+            for flip in 0..flips / 2 {
+                let cell = SIDE * 5 + (frame as usize / 4 + flip * 3) % (SIDE * 10);
+                if classes[cell] == 0 {
+                    classes[cell] = 5;
+                    passed.push(cell);
+                }
             }
             let before = Instant::now();
             feed(&mut watch, &classes);

@@ -66,12 +66,11 @@ pub(crate) fn find(
     plane.clear();
     for cell in 0..cells {
         let (mut fixed, mut vacated, mut known) = (0.0, 0.0, 0.0);
-        for slot in 0..roles.classes() as u8 {
-            let (seen, total) = normal.frames(cell, slot);
-            known = total;
-            match roles.role(slot) {
-                Role::Fixed => fixed += seen,
-                Role::Vacated => vacated += seen,
+        for (slot, seen) in normal.totals(cell).into_iter().enumerate().take(roles.classes()) {
+            known += seen as f64;
+            match roles.role(slot as u8) {
+                Role::Fixed => fixed += seen as f64,
+                Role::Vacated => vacated += seen as f64,
                 _ => {}
             }
         }

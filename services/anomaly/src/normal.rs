@@ -18,6 +18,7 @@
 use crate::box_sums::BoxSums;
 use crate::plane::{Plane, for_each_neighbour};
 use protocol::geometry::GridGeometry;
+use protocol::grid::CLASSES_MAX;
 
 /// Frames closer than this say the same thing, seconds.
 pub(crate) const TAU_S: f64 = 60.0;
@@ -225,14 +226,30 @@ impl Normal {
 
     /// The class that a cell shows most, with its share; `None` if it was never known.
     pub(crate) fn usual(&self, cell: usize) -> Option<(u8, f64)> {
-        let mut best: Option<(u8, f64)> = None;
-        for slot in 0..self.classes as u8 {
-            let (seen, known) = self.frames(cell, slot);
-            if known > 0.0 && best.is_none_or(|(_, share)| seen / known > share) {
-                best = Some((slot, seen / known));
+        let seen = self.totals(cell);
+        let known: u64 = seen.iter().sum();
+        let (mut slot, mut most) = (0, 0);
+        for (other, count) in seen.iter().enumerate() {
+            if *count > most {
+                (slot, most) = (other as u8, *count);
             }
         }
-        best
+        (known > 0).then(|| (slot, most as f64 / known as f64))
+    }
+
+    /// Frames of a cell by class, all contexts.
+    pub(crate) fn totals(&self, cell: usize) -> [u64; CLASSES_MAX] {
+        let mut seen = [0; CLASSES_MAX];
+        let first = cell * (self.classes + 1);
+        for counts in &self.counts {
+            for (sum, count) in seen.iter_mut().zip(&counts[first..first + self.classes]) {
+                *sum += u64::from(*count);
+            }
+        }
+        if usize::from(self.live[cell]) < self.classes {
+            seen[usize::from(self.live[cell])] += u64::from(self.open_run(cell));
+        }
+        seen
     }
 
     /// True if the cell shows this class more often than not: no need to score it.
@@ -282,10 +299,12 @@ impl Normal {
         let sources: Vec<bool> = (0..cells).map(|cell| is_source(self, cell)).collect();
         let reach = (NEAR_M / self.grid.cell_m).round() as usize;
         let from = |cell: usize, frames: f64| if sources[cell] { frames } else { 0.0 };
-        let known = BoxSums::new(&self.grid, |cell| from(cell, self.frames(cell, 0).1));
-        let mut near = vec![Vec::new(); self.classes];
+        let known_in = |cell: usize| self.totals(cell).iter().sum::<u64>() as f64;
+        let known = BoxSums::new(&self.grid, |cell| from(cell, known_in(cell)));
+        let mut near = std::mem::take(&mut self.near);
         for slot in slots {
-            let seen = BoxSums::new(&self.grid, |cell| from(cell, self.frames(cell, *slot).0));
+            let seen_in = |cell: usize| self.totals(cell)[usize::from(*slot)] as f64;
+            let seen = BoxSums::new(&self.grid, |cell| from(cell, seen_in(cell)));
             let share = |cell| {
                 let known = known.around(cell, reach);
                 if known > 0.0 { (seen.around(cell, reach) / known) as f32 } else { 0.0 }

@@ -206,7 +206,7 @@ impl Sense {
         self.counted.clear();
         self.dirty = true;
         if scoring {
-            self.look_around();
+            self.look_around(None);
         }
         self.rescore(now);
     }
@@ -224,14 +224,14 @@ impl Sense {
         self.normal.take_stock(&mut self.covered);
     }
 
-    /// Takes stock of where people are, for scores.
-    pub(crate) fn look_around(&mut self) {
-        if !self.scoring {
-            return;
-        }
-        let slots: Vec<u8> = (0..self.roles.classes() as u8)
+    /// Takes stock of where people are, for scores: of one class of presence, in turn, or of all.
+    pub(crate) fn look_around(&mut self, turn: Option<u64>) {
+        let mut slots: Vec<u8> = (0..self.roles.classes() as u8)
             .filter(|slot| self.roles.role(*slot).is_present())
             .collect();
+        if let Some(turn) = turn.filter(|_| !slots.is_empty()) {
+            slots = vec![slots[turn as usize % slots.len()]];
+        }
         let roles = &self.roles;
         self.normal.look_around(&slots, |normal, cell| {
             normal.usual(cell).is_some_and(|(slot, _)| roles.role(slot) != Role::Fixed)

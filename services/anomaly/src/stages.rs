@@ -21,8 +21,6 @@ pub(crate) const FLOOR_TIME: f64 = 60.0;
 const TICK_S: f64 = 0.5;
 /// The whole map is taken stock of, and scored anew, once a minute of frames.
 pub(crate) const STOCK_S: f64 = 60.0;
-/// Looking around costs most, and changes least.
-const STOCKS_TO_LOOK_AROUND: u64 = 10;
 /// Doors are looked for once an hour.
 const STOCKS_TO_FIND_DOORS: u64 = 60;
 /// Nothing is learnt this near to an event, metres.
@@ -45,8 +43,8 @@ impl Watch {
         if self.frames_to_stock == 0 {
             self.frames_to_stock = u64::from(self.lattice.frames_in(STOCK_S));
             self.sense.take_stock();
-            if self.stocks.is_multiple_of(STOCKS_TO_LOOK_AROUND) {
-                self.sense.look_around();
+            if self.phase != Phase::Learning {
+                self.sense.look_around(Some(self.stocks));
             }
             self.sense.rescore(now);
             self.stocks += 1;
@@ -222,15 +220,18 @@ impl Watch {
         if self.held.is_empty() && self.quarantine.is_empty() && self.life.happenings.is_empty() {
             return;
         }
-        let grid = self.sense.grid;
-        let held = &mut self.held;
-        held.clear();
         let trails = self.life.happenings.iter().map(|happening| happening.trail);
-        for bounds in trails.chain(self.quarantine.iter().map(|(bounds, _)| *bounds)) {
-            for_each_cell(&grid, bounds, MARGIN_M, |cell| held.set(cell, true));
+        let quiet = self.quarantine.iter().map(|(bounds, _)| *bounds);
+        let doors = self.doors.iter().filter(|door| door.event.is_some()).map(|door| door.bounds);
+        let boxes = || trails.clone().chain(quiet.clone()).chain(doors.clone());
+        if boxes().eq(self.held_boxes.iter().copied()) {
+            return;
         }
-        for door in self.doors.iter().filter(|door| door.event.is_some()) {
-            for_each_cell(&grid, door.bounds, MARGIN_M, |cell| held.set(cell, true));
+        self.held_boxes = boxes().collect();
+        self.held.clear();
+        for bounds in &self.held_boxes {
+            let held = &mut self.held;
+            for_each_cell(&self.sense.grid, *bounds, MARGIN_M, |cell| held.set(cell, true));
         }
         self.sense.hold(&self.held);
     }

@@ -127,6 +127,7 @@ pub struct Watch {
     pub(crate) recent: VecDeque<f64>,
     pub(crate) quarantine: VecDeque<([f64; 4], u64)>,
     pub(crate) held: Plane,
+    pub(crate) held_boxes: Vec<[f64; 4]>,
     pub(crate) counters: Counters,
     pub(crate) notices: Vec<String>,
 }
@@ -183,6 +184,7 @@ impl Watch {
             recent: VecDeque::with_capacity(persist as usize + 1),
             quarantine: VecDeque::new(),
             held: Plane::new(grid.cells()),
+            held_boxes: Vec::new(),
             counters: Counters::default(),
             notices: Vec::new(),
             area: area.clone(),
