@@ -55,7 +55,8 @@ impl Problems {
     fn between(&mut self, what: &str, [low, high]: [f64; 2], least: f64, most: f64, unit: &str) {
         self.unless(low >= least && low <= high && high <= most, || {
             format!(
-                "{what} is [{low}, {high}], expected [low, high] with {least} <= low <= high <= {most} {unit}"
+                "{what} is [{low}, {high}], expected [low, high] with \
+                 {least} <= low <= high <= {most} {unit}"
             )
         });
     }
@@ -217,7 +218,8 @@ impl Scene {
         }
         problems.unless(expected <= PEOPLE_MAX, || {
             format!(
-                "up to {expected:.0} people at once, expected at most {PEOPLE_MAX}: fewer arrivals or shorter waits"
+                "up to {expected:.0} people at once, expected at most {PEOPLE_MAX}: \
+                 fewer arrivals or shorter waits"
             )
         });
     }
@@ -360,7 +362,8 @@ fn check_points(what: &str, points: &[RoutePoint], speed: [f64; 2], problems: &m
             (norm(sub(pair[1].at_m, pair[0].at_m)), pair[0].spread_m + pair[1].spread_m);
         problems.unless(length > spread + 0.05, || {
             format!(
-                "points {} and {} of {what} are {length:.2} m apart, expected more than their spreads ({spread:.2} m)",
+                "points {} and {} of {what} are {length:.2} m apart, expected more than \
+                 their spreads ({spread:.2} m)",
                 i + 1,
                 i + 2
             )
@@ -380,8 +383,8 @@ fn check_clear(
             && found < needed
         {
             problems.0.push(format!(
-                "{what} passes {name} at {found:.2} m near ({:.2}, {:.2}), expected at least {needed:.2} m \
-                 (spread and half a walker)",
+                "{what} passes {name} at {found:.2} m near ({:.2}, {:.2}), expected at \
+                 least {needed:.2} m (spread and half a walker)",
                 piece.a[0], piece.a[1]
             ));
             return; // one complaint a way is enough

@@ -1,8 +1,8 @@
 //! Doors: how far open each is at a time, and where its leaves are then.
 //!
-//! A door is open for intervals: those of the schedule, of incidents, and one for everybody who walks
-//! through, from before the walker is in the leaf's reach until a drawn time after. The door follows
-//! whichever interval opens it most, so that it never jumps.
+//! A door is open for intervals: those of the schedule, of incidents, and one for everybody who
+//! walks through, from before the walker is in the leaf's reach until a drawn time after. The door
+//! follows whichever interval opens it most, so that it never jumps.
 
 use crate::file::{Incident, Opening, Scene};
 use crate::seed::{Purpose, name_key, stream};

@@ -22,7 +22,7 @@ pub enum SceneError {
         problems: Vec<String>,
     },
     /// No scene of that name.
-    #[error("found scene `{name}`, expected one of {}, or a path of a scene file", known.join(", "))]
+    #[error("found scene `{name}`, expected {}, or a path of a scene file", known.join(", "))]
     Unknown {
         /// The name.
         name: String,

@@ -1,8 +1,8 @@
 //! The imagined building: walls, doors, walkers and the rays that see them.
 //!
-//! A [`World`] is a pure function of (scene, seed, time): no clock, no file, no memory of what was asked
-//! before. So every laser process imagines the same people, a process that starts late agrees with one
-//! that ran all along, and hours can be looked at in seconds.
+//! A [`World`] is a pure function of (scene, seed, time): no clock, no file, no memory of what was
+//! asked before. So every laser process imagines the same people, a process that starts late agrees
+//! with one that ran all along, and hours can be looked at in seconds.
 //!
 //! Invariants: nobody walks through a wall (the check refuses such a file); every count has a limit
 //! ([`check`]); every draw is keyed, never a continuation; a scan casts only what moves.

@@ -59,7 +59,8 @@ impl Obstacles {
         self.nearest(way).map_or(f64::INFINITY, |(distance, _)| distance)
     }
 
-    /// The deepest that a disc at a point is inside an obstacle's line, metres; negative if it is clear.
+    /// The deepest that a disc at a point is inside an obstacle's line, metres; negative if it is
+    /// clear.
     #[cfg(test)]
     pub fn depth_m(&self, disc: &Circle) -> f64 {
         let point = Segment { a: disc.centre, b: disc.centre };

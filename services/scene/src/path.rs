@@ -13,7 +13,8 @@ pub(crate) struct Path {
     points: Vec<Point>,
     /// Arc length at every point.
     lengths_m: Vec<f64>,
-    /// Arc length of every corner given, in the order given (closed: begins with corner 1, ends with 0).
+    /// Arc length of every corner given, in the order given (closed: begins with corner 1, ends
+    /// with 0).
     corners_m: Vec<f64>,
     closed: bool,
 }
@@ -34,7 +35,8 @@ impl Path {
         path
     }
 
-    /// Round and round through the corners, from the middle of the first side. At least two corners.
+    /// Round and round through the corners, from the middle of the first side. At least two
+    /// corners.
     pub fn closed(corners: &[Point]) -> Self {
         let count = corners.len();
         let middle = lerp(corners[0], corners[1 % count], 0.5);

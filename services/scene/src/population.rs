@@ -1,8 +1,8 @@
 //! Who is in the building: everybody of a window of time, as a function of (scene, seed, window).
 //!
-//! Time is cut into slots. The arrivals of a route in slot s are a Poisson draw keyed by (seed, route,
-//! s); a wanderer stands at a place keyed by (seed, person, s) whenever slot s begins. Nothing depends
-//! on what was drawn before: any process at any time computes the same people.
+//! Time is cut into slots. The arrivals of a route in slot s are a Poisson draw keyed by (seed,
+//! route, s); a wanderer stands at a place keyed by (seed, person, s) whenever slot s begins.
+//! Nothing depends on what was drawn before: any process at any time computes the same people.
 
 use crate::file::{Incident, Loop, Route, RoutePoint, Scene, Wander};
 use crate::obstacle::Obstacles;
@@ -18,7 +18,8 @@ use std::f64::consts::TAU;
 
 /// Length of a slot of arrivals, seconds.
 pub(crate) const SLOT_S: f64 = 60.0;
-/// Most people that are computed at once: ten foyers full; `check` bounds the expected number far below.
+/// Most people that are computed at once: ten foyers full; `check` bounds the expected number far
+/// below.
 pub(crate) const WALKS_MAX: usize = 2048;
 /// The second, third, .. of a party follow after so long, seconds.
 const PARTY_GAP_S: f64 = 0.9;
@@ -104,7 +105,8 @@ impl Population {
         let mean = route.arrivals_per_hour * SLOT_S / 3600.0;
         let Ok(poisson) = Poisson::new(mean) else { return }; // a mean of 0: nobody
         let draw: f64 = poisson.sample(&mut rng);
-        let limit = mean + 6.0 * mean.sqrt() + 6.0; // beyond six sigma, a number that is not a crowd
+        // Beyond six sigma it is a number, not a crowd.
+        let limit = mean + 6.0 * mean.sqrt() + 6.0;
         for _ in 0..draw.min(limit) as u64 {
             let at_s = (slot as f64 + rng.random::<f64>()) * SLOT_S;
             let key: u64 = rng.random();
@@ -152,7 +154,8 @@ impl Population {
     }
 }
 
-/// Somebody on a way with waits. `of` is (which, how many) of a party that shares key, waits and speed.
+/// Somebody on a way with waits. `of` is (which, how many) of a party that shares key, waits and
+/// speed.
 fn walk_of(
     origin: &str,
     key: u64,

@@ -99,8 +99,8 @@ impl View {
         y.atan2(x) - self.yaw_rad
     }
 
-    /// Calls `strike` for the beams with a bearing in [from, to], modulo a turn, and one beam more on
-    /// each side: the exact test is the caller's.
+    /// Calls `strike` for the beams with a bearing in [from, to], modulo a turn, and one beam more
+    /// on each side: the exact test is the caller's.
     fn for_beams(&self, from_rad: f64, to_rad: f64, mut strike: impl FnMut(usize)) {
         let beam_at = |rad: f64| (rad - self.angle_min_rad) / self.angle_increment_rad;
         let last = self.directions.len() as f64 - 1.0;

@@ -1,9 +1,9 @@
 //! One person: where the body is at a time, and where its two legs are at knee height.
 //!
 //! Gait: each foot repeats a cycle of `1/cadence`. During the stance (0.4 s) the shin stands still
-//! where the body is at mid-stance; during the rest it swings to the next foothold. Footholds follow
-//! from the body's motion at two instants, so that stopping, waiting and turning need no special case.
-//! With 1.25 m/s and 0.9 Hz a leg reaches about 0.28 m before and behind the body.
+//! where the body is at mid-stance; during the rest it swings to the next foothold. Footholds
+//! follow from the body's motion at two instants, so that stopping, waiting and turning need no
+//! special case. With 1.25 m/s and 0.9 Hz a leg reaches about 0.28 m before and behind the body.
 
 use crate::path::Path;
 use crate::shape::{Circle, Point, add, scale};

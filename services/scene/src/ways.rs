@@ -1,11 +1,13 @@
-//! Ways between the places of a wanderer: which places see each other, and the shortest way by them.
+//! Ways between the places of a wanderer: which places see each other, and the shortest way by
+//! them.
 
 use crate::obstacle::{BODY_M, Obstacles};
 use crate::shape::{Point, Segment, norm, sub};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Most hops of one stroll: at the shortest step of 0.3 m and a slot of minutes this is never reached.
+/// Most hops of one stroll: at the shortest step of 0.3 m and a slot of minutes this is never
+/// reached.
 const HOPS_MAX: usize = 256;
 /// Shortest slot of a wanderer, seconds.
 const SLOT_MIN_S: f64 = 30.0;

@@ -15,7 +15,8 @@ use serde::Serialize;
 
 /// Most lasers that a world keeps prepared; one more drops the one that was asked for first.
 const VIEWS_MAX: usize = 64;
-/// Times beyond are taken for this, seconds: 31 years each way of the anchor, still exact to 0.2 us.
+/// Times beyond are taken for this, seconds: 31 years each way of the anchor, still exact to 0.2
+/// us.
 const TIME_MAX_S: f64 = 1e9;
 
 /// Something solid, and when it is there.
@@ -145,9 +146,9 @@ impl World {
     }
 
     /// One scan: the range of every beam in metres, +inf for no return, NaN for a fault code.
-    /// Everything is as at `t_s`; the turn of the mirror during the scan is not imagined.
-    /// Allocates nothing once the laser is known and `out_m` is large enough, but for new people once
-    /// a minute of the scene.
+    /// Everything is as at `t_s`; the turn of the mirror during the scan is not imagined. Allocates
+    /// nothing once the laser is known and `out_m` is large enough, but for new people once a
+    /// minute of the scene.
     pub fn scan(&mut self, laser: &LaserSpec, t_s: f64, out_m: &mut Vec<f32>) {
         let mut ranges_m = std::mem::take(&mut self.ranges_m);
         self.true_ranges(laser, t_s, &mut ranges_m);

@@ -1,8 +1,9 @@
 //! A workload or a scene as a recording, and what was really there beside it.
 //!
-//! Scans go to an MCAP (`sensor_msgs/msg/LaserScan`, CDR), one topic a laser: `/<laser>`. The truth is
-//! one JSON object a line, one line a turn of the lasers: `{"stamp_ns":..,"t_s":..,"people":[..],
-//! "doors":[..],"objects":[..]}`. Stamps are the first beam's; all lasers turn at once.
+//! Scans go to an MCAP (`sensor_msgs/msg/LaserScan`, CDR), one topic a laser: `/<laser>`. The truth
+//! is one JSON object a line, one line a turn of the lasers:
+//! `{"stamp_ns":..,"t_s":..,"people":[..], "doors":[..],"objects":[..]}`. Stamps are the first
+//! beam's; all lasers turn at once.
 
 use crate::workload::Workload;
 use protocol::scan::{Reading, ScanView, reading};

@@ -1,7 +1,7 @@
 //! Workloads of the benchmarks, and scenes with their truth.
 //!
-//! A workload is a stream of frames that no file holds: it is imagined again, the same bytes for the
-//! same seed, at every run.
+//! A workload is a stream of frames that no file holds: it is imagined again, the same bytes for
+//! the same seed, at every run.
 //!
 //! | where | what |
 //! |---|---|

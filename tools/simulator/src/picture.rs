@@ -1,10 +1,12 @@
-//! A scene at an instant, in characters: `#` an echo, `o` a leg that is really there, `+` an echo on a
-//! leg, `D` a leaf of a door, `L` a laser, `.` seen to be free, blank not seen. y grows upwards.
+//! A scene at an instant, in characters: `#` an echo, `o` a leg that is really there, `+` an echo
+//! on a leg, `D` a leaf of a door, `L` a laser, `.` seen to be free, blank not seen. y grows
+//! upwards.
 
 use protocol::geometry::GridGeometry;
 use scene::World;
 
-/// Draws the area of the scene with characters of `cell_m` width and twice the height, at most 300 wide.
+/// Draws the area of the scene with characters of `cell_m` width and twice the height, at most 300
+/// wide.
 #[must_use]
 pub fn look(world: &mut World, t_s: f64, cell_m: f64) -> String {
     let grid = world.scene().area.grid();
@@ -88,10 +90,13 @@ mod tests {
 
     #[test]
     fn a_room_is_drawn_with_its_walls_and_its_laser() {
-        let text = "name = \"t\"\n[area]\nid = \"a\"\norigin_m = [-0.5, -1.0]\ncell_m = 0.5\ncolumns = 9\n\
-                    rows = 10\n[sensor]\nsigma_m = 0.0\nfault_share = 0.0\n[[wall]]\nclosed = true\n\
+        let text = "name = \"t\"\n[area]\nid = \"a\"\norigin_m = [-0.5, -1.0]\ncell_m = 0.5\n\
+                    columns = 9\n\
+                    rows = 10\n[sensor]\nsigma_m = 0.0\nfault_share = 0.0\n\
+                    [[wall]]\nclosed = true\n\
                     points_m = [[0.25, 0.1], [3.75, 0.1], [3.75, 3.5], [0.25, 3.5]]\n\
-                    [[laser]]\nid = \"l\"\nx_m = 2.1\ny_m = 0.6\nyaw_deg = 90\nangle_increment_deg = 0.5\n\
+                    [[laser]]\nid = \"l\"\nx_m = 2.1\ny_m = 0.6\nyaw_deg = 90\n\
+                    angle_increment_deg = 0.5\n\
                     beams = 361\n";
         let mut world = World::new(Scene::parse(text, "t").unwrap(), 0).unwrap();
         let drawn = look(&mut world, 0.0, 0.5);

@@ -2,13 +2,13 @@
 //!
 //! | | lasers x beams | range | grid | rate | scene |
 //! |---|---|---|---|---|---|
-//! | W1r | 4 x 181 (1 deg) | 8 m | 400x400 @ 5 cm | 75 Hz | furnished room 10 x 9 m, 4 walkers, turned by 17 deg |
-//! | W2r | 1 x 181 (1 deg) | 8 m | 200x200 @ 5 cm | 75 Hz | foyer, a party every 10 s, turned by 5 deg |
-//! | W3r | 16 x 1081 (0.25 deg) | 30 m | 1200x1200 @ 5 cm | 25 Hz | hall 58 x 58 m, 30 walkers, turned by 2 deg |
+//! | W1r | 4 x 181 (1 deg) | 8 m | 400x400 @ 5 cm | 75 Hz | room, 4 walkers, turned by 17 deg |
+//! | W2r | 1 x 181 (1 deg) | 8 m | 200x200 @ 5 cm | 75 Hz | foyer, a party every 10 s, 5 deg |
+//! | W3r | 16 x 1081 (0.25 deg) | 30 m | 1200x1200 @ 5 cm | 25 Hz | hall, 30 walkers, 2 deg |
 //!
-//! Noise 1 cm, readings are multiples of 1 mm, no fault codes. The rooms are turned and shifted off the
-//! lattice because walls on cell edges flatter a benchmark: a range is the same in both, so the scene
-//! stays as it is drawn and the lasers' poses are turned.
+//! Noise 1 cm, readings are multiples of 1 mm, no fault codes. The rooms are turned and shifted off
+//! the lattice because walls on cell edges flatter a benchmark: a range is the same in both, so the
+//! scene stays as it is drawn and the lasers' poses are turned.
 
 use protocol::geometry::{GridGeometry, Pose};
 use protocol::scan::ScanGeometry;
@@ -45,7 +45,8 @@ pub struct Workload {
 
 impl Workload {
     /// Fills `out[laser]` with the ranges of the next frame, metres, and says true; false after the
-    /// last. `out` must have as many vectors as there are lasers, of any length: they are resized once.
+    /// last. `out` must have as many vectors as there are lasers, of any length: they are resized
+    /// once.
     ///
     /// # Panics
     /// If `out` has another number of vectors.
@@ -109,7 +110,8 @@ pub fn w2r(seed: u64, frames: u64) -> Result<Workload, SceneError> {
     let foyer = Scene::builtin("foyer")?;
     let per_hour: f64 = foyer.routes.iter().map(|route| route.arrivals_per_hour).sum();
     let mut scene = foyer.with_arrivals_times(360.0 / per_hour)?;
-    scene.lasers[0].y_m = 0.1; // 20 cm back: 32 % of the beams see nothing, as in the measured workload
+    // 20 cm back: 32 % of the beams see nothing, as in the measured workload.
+    scene.lasers[0].y_m = 0.1;
     let turned = Turned { middle_m: [6.0, 4.6], turn_deg: 5.0, shift_m: [0.0137, -0.0211] };
     build("W2r", scene, seed, frames, 200, 13_333_333, turned)
 }

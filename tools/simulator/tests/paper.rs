@@ -64,8 +64,8 @@ impl Shares {
             .fold(0.0, f64::max)
     }
 
-    /// How much a cell and two of its neighbours are both background and vacated: single cells on the
-    /// edge of furniture are tossed between the two by noise, a door is a line of them.
+    /// How much a cell and two of its neighbours are both background and vacated: single cells on
+    /// the edge of furniture are tossed between the two by noise, a door is a line of them.
     fn door(&self, cell: usize) -> f64 {
         let columns = self.grid.columns as i64;
         let mut scores: Vec<f64> = (-1..=1)

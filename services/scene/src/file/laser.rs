@@ -4,7 +4,8 @@ use protocol::geometry::Pose;
 use protocol::scan::ScanGeometry;
 use serde::{Deserialize, Serialize};
 
-/// What a laser adds to the true range (measured shares: SICK LMS 200, 0.73 + 0.31 + 0.013 % codes).
+/// What a laser adds to the true range (measured shares: SICK LMS 200, 0.73 + 0.31 + 0.013 %
+/// codes).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sensor {
@@ -87,8 +88,8 @@ impl LaserSpec {
         Pose { x_m: self.x_m, y_m: self.y_m, yaw_rad: self.yaw_deg.to_radians() }
     }
 
-    /// How the beams lie, as a scan says it. The numbers are rounded to f32, which is what recordings
-    /// hold: a recording of a simulated laser replays to the same bits.
+    /// How the beams lie, as a scan says it. The numbers are rounded to f32, which is what
+    /// recordings hold: a recording of a simulated laser replays to the same bits.
     #[must_use]
     pub fn geometry(&self) -> ScanGeometry {
         let round = |value: f64| f64::from(value as f32);

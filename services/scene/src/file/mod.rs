@@ -149,7 +149,8 @@ impl Scene {
     /// Reads a scene file. `name` is said in errors.
     ///
     /// # Errors
-    /// The line and a caret if it is not TOML of a scene; else every bound that is broken, in words.
+    /// The line and a caret if it is not TOML of a scene; else every bound that is broken, in
+    /// words.
     pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
         if text.len() > SCENE_BYTES_MAX {
             return Err(SceneError::TooLarge { name: name.to_owned(), found: text.len() });

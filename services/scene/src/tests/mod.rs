@@ -1,6 +1,8 @@
 //! Tests of the whole building.
 #![allow(clippy::unwrap_used)]
 
+mod refused;
+
 use crate::obstacle::Obstacles;
 use crate::shape::{Circle, Segment, norm, sub};
 use crate::{LaserSpec, Scene, World};
@@ -243,38 +245,56 @@ fn a_left_suitcase_and_a_wedged_door_are_seen() {
 }
 
 #[test]
-fn a_wrong_file_is_refused_in_words() {
-    let unknown = minimal("[[wall]]\npoints = [[0.0, 0.0], [1.0, 0.0]]\n").unwrap_err().to_string();
-    assert!(unknown.contains("unknown field `points`") && unknown.contains('^'), "{unknown}");
-    let several = minimal(
-        "[[wall]]\npoints_m = [[0.0, 0.0]]\n[[pillar]]\ncentre_m = [0.0, nan]\nradius_m = -1.0\n\
-         [[laser]]\nid = \"l\"\nx_m = 0.0\ny_m = 0.0\nyaw_deg = 0.0\n\
-         [[laser]]\nid = \"l\"\nx_m = 0.0\ny_m = 0.0\nyaw_deg = 0.0\nbeams = 9000\n",
-    );
-    let several = several.unwrap_err().to_string();
-    for words in [
-        "wall 1 has 1 points, expected at least 2",
-        "pillar 1 `` is NaN, expected -1000..1000 m",
-        "radius_m is -1, expected 0.005..100 m",
-        "two lasers have the id `l`",
-        "9000 beams of laser `l`, expected 1..4096",
-    ] {
-        assert!(several.contains(words), "{words} is not in:\n{several}");
+fn nobody_appears_or_vanishes_but_at_the_ends_of_the_ways() {
+    let scene = Scene::builtin("foyer").unwrap();
+    let ends: Vec<_> = (scene.routes.iter())
+        .flat_map(|route| [route.points[0], route.points[route.points.len() - 1]])
+        .collect();
+    let mut world = World::new(scene, 8).unwrap();
+    let mut last = world.truth(0.0).people;
+    let mut changes = 0;
+    for tick in 1..18_000 {
+        let people = world.truth(f64::from(tick) * 0.1).people;
+        let others = |of: &[crate::PersonTruth], not: &[crate::PersonTruth]| {
+            let gone = |p: &&crate::PersonTruth| not.iter().all(|other| other.id != p.id);
+            of.iter().filter(gone).cloned().collect::<Vec<_>>()
+        };
+        for person in others(&last, &people).iter().chain(&others(&people, &last)) {
+            let at = [person.x_m, person.y_m];
+            let near = |end: &&crate::RoutePoint| norm(sub(at, end.at_m)) < end.spread_m + 0.3;
+            assert!(ends.iter().any(|end| near(&end)), "in mid-way at tick {tick}: {person:?}");
+            changes += 1;
+        }
+        last = people;
     }
-    let through = minimal(
-        "[[wall]]\npoints_m = [[0.0, -1.0], [0.0, 1.0]]\n[[route]]\nid = \"r\"\n\
-         arrivals_per_hour = 10\npoint = [{ at_m = [-1.0, 0.0] }, { at_m = [1.0, 0.0] }]\n",
-    );
-    let through = through.unwrap_err().to_string();
-    assert!(through.contains("route `r` passes wall 1 at 0.00 m"), "{through}");
-    let crowd = minimal(
-        "[[loop]]\nid = \"crowd\"\npeople = 1000\npoints_m = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0]]\n",
-    );
-    assert!(crowd.unwrap_err().to_string().contains("1000 people at once"));
-    let unknown = Scene::builtin("attic").unwrap_err().to_string();
-    assert!(unknown.contains("`attic`") && unknown.contains("foyer, room"), "{unknown}");
-    let none = Scene::builtin("room").unwrap().staged("fire", 0.0).unwrap_err().to_string();
-    assert!(none.contains("`fire`") && none.contains("chair-moved"), "{none}");
+    assert!(changes > 100, "{changes}");
+}
+
+#[test]
+fn the_noise_of_two_scans_and_of_two_lasers_has_nothing_in_common() {
+    let text = "name = \"t\"\n[area]\nid = \"a\"\norigin_m = [0.0, 0.0]\ncell_m = 0.1\n\
+                columns = 9\n\
+                rows = 9\n[sensor]\nfault_share = 0.0\n";
+    let ring = "[[wall]]\nclosed = true\n\
+                points_m = [[18.0, -2.0], [22.0, -2.0], [22.0, 2.0], [18.0, 2.0]]\n";
+    let mut world = World::new(Scene::parse(&format!("{text}{ring}"), "t").unwrap(), 1).unwrap();
+    let (one, two) =
+        (LaserSpec::lms200("one", 20.0, 0.0, 0.0), LaserSpec::lms200("two", 20.0, 0.0, 0.0));
+    let mut noise = |laser: &LaserSpec, t_s: f64| -> Vec<f64> {
+        let mut exact = Vec::new();
+        world.true_ranges(laser, t_s, &mut exact);
+        let read = scan(&mut world, laser, t_s);
+        read.iter().zip(&exact).map(|(&r, e)| (f64::from(r) - e) / 0.01).collect()
+    };
+    let scans = [noise(&one, 1.0), noise(&one, 1.1), noise(&two, 1.0)];
+    for (i, a) in scans.iter().enumerate() {
+        for b in &scans[i + 1..] {
+            let product: f64 = a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>() / a.len() as f64;
+            assert!(product.abs() < 0.3, "correlation {product}"); // 4 sigma of 181 pairs
+        }
+        let power: f64 = a.iter().map(|x| x * x).sum::<f64>() / a.len() as f64;
+        assert!((0.6..1.5).contains(&power), "{power}");
+    }
 }
 
 #[test]
