@@ -71,7 +71,8 @@ pub struct Wander {
     pub pause_s: [f64; 2],
 }
 
-/// A single scripted event. Without a time it is only prepared: [`Scene::staged`] gives it one.
+/// A single scripted event. Without a time it is only prepared:
+/// [`Scene::staged`](crate::Scene::staged) gives it one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Incident {
