@@ -36,8 +36,9 @@ fn the_laser_process() {
 }
 
 struct Running {
-    directory: tempfile::TempDir,
+    // Dropped in this order: the owner cleans up in its directory.
     owner: Owner,
+    directory: tempfile::TempDir,
     events: EventLoop,
     end_mono_ns: u64,
 }
@@ -58,7 +59,7 @@ fn site(directory: tempfile::TempDir, source: &str, clock: Clock) -> Running {
     };
     let owner = Owner::start(&site, &options).unwrap();
     let end_mono_ns = monotonic_ns() + WATCHDOG_NS;
-    Running { directory, owner, events: EventLoop::new().unwrap(), end_mono_ns }
+    Running { owner, directory, events: EventLoop::new().unwrap(), end_mono_ns }
 }
 
 impl Running {
