@@ -14,8 +14,9 @@ use std::collections::BTreeMap;
 pub const ORIGINS_MAX: usize = 512;
 /// Most changes held behind a hole, per origin: it writes a few a minute, so this is an hour.
 pub const HELD_MAX: usize = 256;
-/// How long a hole is waited for: an origin that restarts is back within 2 s and sends again then.
-pub const GAP_WAIT_NS: u64 = 5 * protocol::time::SECOND_NS;
+/// How long a hole is waited for: an origin sends what is not acknowledged again every 5 s, and one
+/// that restarts is back within 2 s; so it had two chances.
+pub const GAP_WAIT_NS: u64 = 12 * protocol::time::SECOND_NS;
 /// Longest name of an origin, area, zone or event, bytes. The site file allows 32 for an id.
 pub const NAME_BYTES_MAX: usize = 256;
 

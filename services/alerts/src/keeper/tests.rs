@@ -54,13 +54,13 @@ fn a_hole_asks_the_origin_again_and_is_given_up_loudly() {
     let report = keeper.offer(vec![change("foyer", 3)], now(1));
     assert_eq!((told(&report), acknowledged(&report)), (vec![], vec![("foyer", 0)]));
     assert_eq!(keeper.deadline_ns(), Some(SECOND_NS + GAP_WAIT_NS));
-    let report = keeper.tick(now(6));
+    let report = keeper.tick(now(13));
     assert!(report.warnings[0].contains("changes 1 to 2 of foyer"), "{:?}", report.warnings);
     assert_eq!(
         (told(&report), acknowledged(&report)),
         (vec![("foyer", 3, true)], vec![("foyer", 3)])
     );
-    let report = keeper.offer(vec![change("foyer", 2)], now(7));
+    let report = keeper.offer(vec![change("foyer", 2)], now(14));
     assert_eq!(told(&report), [("foyer", 2, true)], "it came after all");
 }
 
