@@ -5,8 +5,8 @@
 //!
 //! Invariants:
 //! - A process that ends, for whatever reason and at whatever moment, is started again; only a wrong
-//!   configuration or five failures before it ever was ready stop the site, and then its last words say why.
-//! - A process that tells no health for 10 s hangs: it is killed and started again.
+//!   configuration or five failures at start-up, never once ready, stop the site, and then its last words say why.
+//! - A process that tells no health for 10 s (a minute while it starts) hangs: it is killed and started again.
 //! - The end is orderly: lasers first, alerts last, each with 3 s to finish; afterwards no process,
 //!   no shared memory and no run directory is left.
 //! - When every area's anomaly service says that the recording is over, the site ends by itself.

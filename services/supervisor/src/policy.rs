@@ -5,7 +5,10 @@
 //! | first end, or an end after 10 s of health | started again at once |
 //! | ends again | after 100 ms, doubling to 5 s |
 //! | exit 78: its configuration is wrong | the site stops |
-//! | 5 failures of its own within 10 s, never once ready | the site stops |
+//! | 5 failures of its own within 10 s, at start-up, never once ready | the site stops |
+//!
+//! Alive is who tells its health; ready is who says more than `starting`. Start-up is the first half
+//! minute of a service: a site that has run since must not stop because a laser goes mad at night.
 //!
 //! A SIGKILL or SIGTERM from outside is not a failure of its own: it says nothing about whether the
 //! site can run.
@@ -23,6 +26,8 @@ const DELAY_MAX_NS: u64 = 5 * SECOND_NS;
 const HEALTHY_NS: u64 = 10 * SECOND_NS;
 /// So many failures in [`HEALTHY_NS`] before it ever was ready mean that it cannot start.
 const FAILURES_MAX: usize = 5;
+/// The start-up of a service.
+const STARTUP_NS: u64 = 30 * SECOND_NS;
 /// Exit code of a process whose configuration is wrong.
 const EXIT_BAD_CONFIG: i32 = 78;
 
@@ -58,22 +63,29 @@ pub enum Decision {
 /// The history of one service that matters.
 #[derive(Debug, Default)]
 pub struct RestartPolicy {
-    ready_since_ns: Option<u64>,
+    first_start_ns: Option<u64>,
+    alive_since_ns: Option<u64>,
     ever_ready: bool,
     ends: u32,
     failures_ns: VecDeque<u64>,
 }
 
 impl RestartPolicy {
-    /// The process told its health; the first time after a start counts.
-    pub fn ready(&mut self, now_ns: u64) {
-        self.ready_since_ns.get_or_insert(now_ns);
-        self.ever_ready = true;
+    /// The process was started.
+    pub fn started(&mut self, now_ns: u64) {
+        self.first_start_ns.get_or_insert(now_ns);
+        self.alive_since_ns = None;
+    }
+
+    /// The process told its health; `ready` if it says more than `starting`.
+    pub fn alive(&mut self, now_ns: u64, ready: bool) {
+        self.alive_since_ns.get_or_insert(now_ns);
+        self.ever_ready |= ready;
     }
 
     /// The process ended without being asked to.
     pub fn ended(&mut self, now_ns: u64, end: End) -> Decision {
-        let healthy = self.ready_since_ns.take().is_some_and(|since| now_ns - since >= HEALTHY_NS);
+        let healthy = self.alive_since_ns.take().is_some_and(|since| now_ns - since >= HEALTHY_NS);
         if end == End::Exit(EXIT_BAD_CONFIG) {
             return Decision::BadConfig;
         }
@@ -82,7 +94,8 @@ impl RestartPolicy {
         }
         self.ends = self.ends.saturating_add(1);
         let from_outside = matches!(end, End::Signal(9 | 15));
-        if !self.ever_ready && !from_outside {
+        let at_startup = self.first_start_ns.is_none_or(|first| now_ns - first < STARTUP_NS);
+        if at_startup && !self.ever_ready && !from_outside {
             self.failures_ns.retain(|&failure| now_ns - failure < HEALTHY_NS);
             self.failures_ns.push_back(now_ns);
             if self.failures_ns.len() >= FAILURES_MAX {
@@ -109,7 +122,8 @@ mod tests {
         ends_s
             .iter()
             .map(|&(ready_s, end_s)| {
-                policy.ready(ns(ready_s));
+                policy.started(ns(ready_s));
+                policy.alive(ns(ready_s), true);
                 match policy.ended(ns(end_s), KILLED) {
                     Decision::RestartAfter(delay_ns) => delay_ns / 1_000_000,
                     other => panic!("{other:?}"),
@@ -135,7 +149,7 @@ mod tests {
     fn a_wrong_configuration_stops_the_site_whenever_it_shows() {
         let mut policy = RestartPolicy::default();
         assert_eq!(policy.ended(0, End::Exit(78)), Decision::BadConfig);
-        policy.ready(1);
+        policy.alive(1, true);
         assert_eq!(policy.ended(2, End::Exit(78)), Decision::BadConfig);
     }
 
@@ -150,6 +164,19 @@ mod tests {
     }
 
     #[test]
+    fn who_is_alive_but_never_ready_cannot_start_but_only_at_startup() {
+        for (first_s, decision) in
+            [(0, Decision::CannotStart), (31, Decision::RestartAfter(800_000_000))]
+        {
+            let mut policy = RestartPolicy::default();
+            policy.started(0);
+            policy.alive(0, false);
+            let last = (0..5).map(|n| policy.ended((first_s + n) * SECOND_NS, End::Exit(1))).last();
+            assert_eq!(last, Some(decision), "{first_s}");
+        }
+    }
+
+    #[test]
     fn failures_far_apart_or_after_it_was_ready_do_not() {
         let mut policy = RestartPolicy::default();
         for n in 0..20 {
@@ -157,7 +184,7 @@ mod tests {
             assert!(matches!(decision, Decision::RestartAfter(_)), "{n}");
         }
         let mut policy = RestartPolicy::default();
-        policy.ready(0);
+        policy.alive(0, true);
         for n in 0..20 {
             assert!(matches!(policy.ended(n, End::Exit(1)), Decision::RestartAfter(_)), "{n}");
         }

@@ -17,6 +17,10 @@ use std::process::{Child, Command, Stdio};
 /// Bytes of log that are taken from a process at once, so that a chatty one leaves room to the others.
 const LOG_BYTES_AT_ONCE: usize = 64 << 10;
 
+/// A process that starts may be busy (tables of a large hall, a checkpoint, a learnt map) before its
+/// first wait: so many times longer may it be silent.
+const STARTING_PATIENCE: u64 = 6;
+
 /// A process of the site, whether it runs or not.
 #[derive(Debug)]
 pub struct Service {
@@ -81,13 +85,14 @@ impl Service {
         self.start_at_ns = None;
         self.restarts += u64::from(self.started_before);
         self.started_before = true;
+        self.policy.started(monotonic_ns());
         (self.health, self.heard_mono_ns) = (None, None);
         let (log, write_end) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
         // Only our end does not block: a worker waits for a full pipe as for any stderr.
         rustix::fs::fcntl_setfl(&write_end, rustix::fs::OFlags::empty())?;
         process::descriptors::close_on_exec();
         // The file of this very program, even if a newer one was installed in its place since.
-        let child = Command::new("/proc/self/exe")
+        let mut child = Command::new("/proc/self/exe")
             .arg0("tog")
             .arg(self.role.service())
             .arg("--instance")
@@ -99,15 +104,18 @@ impl Service {
             .stderr(Stdio::from(write_end))
             .process_group(0) // Ctrl-C of the terminal is for us: we stop them in order
             .spawn()?;
-        let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty())?;
-        let exit = events.watch(&pidfd, Interest::Read)?;
-        let log_token = Some(events.watch(&log, Interest::Read)?);
+        let watched = watch(&child, &log, events);
+        let (pidfd, exit, log_token) = watched.inspect_err(|_| {
+            // A child that cannot be watched would be nobody's.
+            let _ = child.kill();
+            let _ = child.wait();
+        })?;
         self.running = Some(Running {
             child,
             pidfd,
             exit,
             log,
-            log_token,
+            log_token: Some(log_token),
             started_mono_ns: monotonic_ns(),
             asked_to_stop_ns: None,
             killed: false,
@@ -180,16 +188,20 @@ impl Service {
         // The last words of its predecessor are not its own.
         if self.pid() == Some(health.pid) {
             self.heard_mono_ns = Some(now_ns);
-            self.policy.ready(now_ns);
+            self.policy.alive(now_ns, health.state != ServiceState::Starting);
             self.health = Some(health);
         }
     }
 
-    /// CLOCK_MONOTONIC when it was last known to live: its last health, or its start.
+    /// CLOCK_MONOTONIC when it has been silent for too long: `silence_max_ns` after its last health, or
+    /// [`STARTING_PATIENCE`] times that while it starts.
     #[must_use]
-    pub fn last_sign_ns(&self) -> Option<u64> {
+    pub fn silent_at_ns(&self, silence_max_ns: u64) -> Option<u64> {
         let running = self.running.as_ref()?;
-        Some(self.heard_mono_ns.unwrap_or(0).max(running.started_mono_ns))
+        let last_sign_ns = self.heard_mono_ns.unwrap_or(0).max(running.started_mono_ns);
+        let state = self.health.as_ref().map_or(ServiceState::Starting, |health| health.state);
+        let patience = if state == ServiceState::Starting { STARTING_PATIENCE } else { 1 };
+        Some(last_sign_ns.saturating_add(silence_max_ns.saturating_mul(patience)))
     }
 
     /// True if it says that the recording is over.
@@ -263,6 +275,13 @@ impl Service {
             faults: health.faults,
         }
     }
+}
+
+fn watch(child: &Child, log: &OwnedFd, events: &EventLoop) -> io::Result<(OwnedFd, Token, Token)> {
+    let pidfd = pidfd_open(Pid::from_child(child), PidfdFlags::empty())?;
+    let exit = events.watch(&pidfd, Interest::Read)?;
+    let log = events.watch(log, Interest::Read)?;
+    Ok((pidfd, exit, log))
 }
 
 impl Drop for Service {

@@ -41,7 +41,8 @@ pub struct Options {
     /// Stamp of the first scan of the recordings, UNIX nanoseconds; needed if the site replays in
     /// step with time, because then it is the site's time at the start.
     pub replay_start_ns: Option<u64>,
-    /// A process without a sign of life for so long is killed; 10 s unless set.
+    /// A process without a sign of life for so long is killed, six times that while it starts; 10 s
+    /// unless set.
     pub silence_max_s: Option<f64>,
 }
 
@@ -287,7 +288,7 @@ impl Supervisor {
     fn watch_for_silence(&mut self, now_ns: u64) {
         for service in &mut self.services {
             let silence_max_ns = self.silence_max_ns;
-            let silent = service.last_sign_ns().is_some_and(|at| now_ns >= at + silence_max_ns);
+            let silent = service.silent_at_ns(silence_max_ns).is_some_and(|at| now_ns >= at);
             if silent && service.kill() {
                 let silence_s = silence_max_ns as f64 / 1e9;
                 let line = format!("ERROR no sign of life for {silence_s} s: killed");
@@ -339,7 +340,7 @@ impl Supervisor {
         };
         let is_running = matches!(self.phase, Phase::Running);
         let of_service = |service: &Service| {
-            let silence = service.last_sign_ns().map(|at| at + self.silence_max_ns);
+            let silence = service.silent_at_ns(self.silence_max_ns);
             let grace = service.asked_to_stop_ns().map(|at| at + GRACE_NS);
             let death = if is_running { silence } else { grace };
             let death = if service.is_dying() { None } else { death };

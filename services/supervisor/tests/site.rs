@@ -4,7 +4,8 @@
 
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -177,17 +178,46 @@ fn a_wrong_configuration_stops_the_site_and_is_named() {
 }
 
 #[test]
+fn a_service_that_never_gets_ready_stops_the_site_and_is_named() {
+    let (code, text) = Run::start("broken", "").end();
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("mapper a cannot run: 5 failures in 10 s"), "{text}");
+    let last_words = text.split("Its last lines:").nth(1).unwrap();
+    assert!(last_words.contains("the checkpoint cannot be read"), "{text}");
+}
+
+#[test]
 fn a_service_that_fails_after_it_was_ready_is_tried_for_ever() {
-    let mut run = Run::start("broken", "");
-    // It opened its ports and told its health before it failed, so it is tried for ever.
-    run.wait_for("five attempts", |run| {
+    let mut run = Run::start("flaky", "");
+    run.wait_for("six attempts", |run| {
         let report = run.status()?;
         report.services.iter().any(|s| s.name == "mapper a" && s.restarts >= 5).then_some(())
     });
     run.signal(Signal::TERM);
     let (code, text) = run.end();
     assert_eq!(code, Some(0), "{text}");
-    assert!(text.contains("the checkpoint cannot be read"), "{text}");
+    assert!(text.contains("the frame is torn"), "{text}");
+}
+
+#[test]
+fn visitors_who_talk_nonsense_or_nothing_do_not_disturb() {
+    let mut run = Run::start("live", "");
+    let socket = run.root.path().join("live/control.sock");
+    run.wait_until_healthy();
+    let mut silent = Vec::new();
+    for n in 0..30 {
+        // More than are served: those behind are turned away, which may break their pipe.
+        let mut visitor = UnixStream::connect(&socket).unwrap();
+        if n % 2 == 0 {
+            let _ = visitor.write_all(&[b'x'; 5000]);
+        }
+        silent.push(visitor);
+    }
+    run.wait_for("an answer among them", |run| run.status());
+    drop(silent);
+    assert_eq!(run.wait_until_healthy().services.iter().map(|s| s.restarts).sum::<u64>(), 0);
+    run.signal(Signal::TERM);
+    assert_eq!(run.end().0, Some(0));
 }
 
 #[test]

@@ -8,6 +8,7 @@
 //! | `recording` | one lossless laser of 3000 scans |
 //! | `wrong` | fusion finds its configuration wrong |
 //! | `broken` | the mapper fails whenever it starts |
+//! | `flaky` | the mapper fails whenever it is ready |
 //! | `deaf` | the mapper does not listen to signals |
 
 use process::{Failure, Role, Worker, exit, monotonic_ns};
@@ -154,6 +155,11 @@ fn fusion(worker: &mut Worker) -> Result<(), Failure> {
 fn mapper(worker: &mut Worker) -> Result<(), Failure> {
     match worker.site.name.as_str() {
         "broken" => return Err(Failure::Failed("the checkpoint cannot be read".to_owned())),
+        "flaky" => {
+            worker.health.set_state(ServiceState::Running);
+            worker.health.tell();
+            return Err(Failure::Failed("the frame is torn".to_owned()));
+        }
         "deaf" => loop {
             worker.health.set_state(ServiceState::Running);
             worker.wait(None)?;
