@@ -31,7 +31,6 @@ pub enum Verb {
     /// Show how the services of a running site are.
     Status(Status),
     /// List or follow the alerts of a site.
-    #[command(subcommand)]
     Alerts(Alerts),
     /// Check a site file and show what it would start.
     Check(Check),
@@ -154,9 +153,21 @@ pub struct Status {
     pub format: Format,
 }
 
+#[derive(Debug, Args)]
+#[command(arg_required_else_help = true, args_conflicts_with_subcommands = true)]
+/// Arguments of `tog alerts`: a verb, or the service itself.
+pub struct Alerts {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Option<AlertsVerb>,
+    /// Run as the service of this instance (`tog run` does).
+    #[arg(long, value_name = "DIR", hide = true)]
+    pub instance: Option<PathBuf>,
+}
+
 /// Verbs of `tog alerts`.
 #[derive(Debug, Subcommand)]
-pub enum Alerts {
+pub enum AlertsVerb {
     /// List alerts from the journal, newest last; works while the site runs and when it does not.
     #[command(after_help = "\
 Examples:
@@ -169,9 +180,6 @@ Examples:
   tog alerts watch deploy/foyer.toml
   tog alerts watch deploy/foyer.toml --from-start --format json")]
     Watch(AlertsWatch),
-    /// The journal and feed of a running site (started by `tog run`).
-    #[command(hide = true)]
-    Serve(Worker),
 }
 
 #[derive(Debug, Args)]

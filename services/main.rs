@@ -8,7 +8,7 @@ mod replay;
 mod site_file;
 
 use clap::Parser;
-use cli::{Alerts, Cli, Verb, Worker};
+use cli::{Alerts, AlertsVerb, Cli, Verb, Worker};
 use process::{Role, exit};
 use std::process::ExitCode;
 
@@ -18,15 +18,25 @@ fn main() -> ExitCode {
         Verb::Replay(arguments) => replay::main(&arguments),
         Verb::Run(arguments) => operate::run(&arguments),
         Verb::Status(arguments) => operate::status(&arguments),
-        Verb::Alerts(Alerts::List(arguments)) => operate::alerts_list(&arguments),
-        Verb::Alerts(Alerts::Watch(arguments)) => operate::alerts_watch(&arguments),
+        Verb::Alerts(arguments) => alerts_verb(arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
         Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),
         Verb::Fusion(worker) => serve("fusion", &worker, fusion::shell::run),
         Verb::Mapper(worker) => serve("mapper", &worker, mapper::shell::run),
         Verb::Anomaly(worker) => serve("anomaly", &worker, anomaly::run),
-        Verb::Alerts(Alerts::Serve(worker)) => serve("alerts", &worker, alerts::run),
+    }
+}
+
+/// `tog alerts`: its verbs, and the service of that name.
+fn alerts_verb(arguments: Alerts) -> ExitCode {
+    match (arguments.verb, arguments.instance) {
+        (Some(AlertsVerb::List(arguments)), _) => operate::alerts_list(&arguments),
+        (Some(AlertsVerb::Watch(arguments)), _) => operate::alerts_watch(&arguments),
+        (None, Some(instance)) => {
+            serve("alerts", &Worker { instance, laser: None, area: None }, alerts::run)
+        }
+        (None, None) => fail(exit::USAGE, "tog alerts needs a verb: see tog alerts --help"),
     }
 }
 
