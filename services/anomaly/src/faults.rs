@@ -123,10 +123,10 @@ impl Watch {
         // A mapper that starts anew classifies nothing before its window has filled.
         let in_grace = (started_ns as f64) < longest_s * SECOND_NS as f64;
         let (covered, lost) = self.sense.lost_cells();
-        if covered == 0 || (in_grace && self.coverage.event.is_none()) {
+        if self.coverage.event.is_none() && (covered == 0 || in_grace) {
             return;
         }
-        let share = lost as f64 / covered as f64;
+        let share = lost as f64 / covered.max(1) as f64;
         let wrong = match share {
             s if s >= LOST_SHARE => Some(true),
             s if s <= RESTORED_SHARE => Some(false),

@@ -287,7 +287,8 @@ impl Watch {
         self.counters.frames_in += 1;
         let missed = self.last.map_or(0, |last| number - last - 1);
         self.counters.frames_missed += missed;
-        if missed as f64 * self.period_s >= 1.0 {
+        // What came before the first frame is not known to have been seen.
+        if missed as f64 * self.period_s >= 1.0 || self.first_ns.is_none() {
             self.go_blind(number);
         }
         self.last = Some(number);
