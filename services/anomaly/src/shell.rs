@@ -181,7 +181,7 @@ impl Service {
         let written = self.outbox.append(&self.changes);
         worker.health.set_fault("outbox_storage", written.err());
         for change in &self.changes {
-            tracing::info!(id = change.id, state = ?change.state, "{}", change.text);
+            tracing::debug!(id = change.id, state = ?change.state, "{}", change.text);
             send(&mut self.events, change, completed_by_mono_ns);
         }
         worker.health.count("events_told", self.changes.len() as u64);
