@@ -6,6 +6,7 @@ use crate::domain;
 use crate::doorbell::{EVENT_DATA, EVENT_HELLO};
 use crate::event_loop::EventLoop;
 use crate::instance::Instance;
+use crate::node::create_node;
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::{BusError, Element, Wire};
 use crate::publisher::Publisher;
@@ -66,7 +67,7 @@ impl Bus {
     }
 
     fn enter(instance: &Instance, plan: Plan, events: &EventLoop) -> Result<Self, BusError> {
-        let node = retry("the node", &instance.site_name, || domain::create_node(instance))?;
+        let node = retry("the node", &instance.site_name, || create_node(instance))?;
         // UNIX nanoseconds, but counted from the start of the instance by the monotonic clock: a
         // restarted publisher has a later session even if the host's clock was set back.
         let since_start = monotonic_ns().saturating_sub(instance.started_mono_ns);

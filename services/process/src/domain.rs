@@ -11,11 +11,10 @@ use crate::descriptors;
 use crate::event_loop::EventLoop;
 use crate::instance::{Instance, InstanceError, RUN_DIR_BYTES_MAX, make_private_dir};
 use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, wipe};
+use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::BusError;
-use iceoryx2::prelude::{
-    Config, FilePath, Node, NodeBuilder, SemanticString, SignalHandlingMode, ipc,
-};
+use iceoryx2::prelude::{Node, ipc};
 use protocol::site::{Pace, Site, Source};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
@@ -118,13 +117,15 @@ impl Owner {
         if length > RUN_DIR_BYTES_MAX {
             return Err(InstanceError::TooLong { path: run_dir, found: length }.into());
         }
+        let base_dir = absolute(&options.base_dir)?;
+        let out_dir = options.out_dir.as_deref().map(absolute).transpose()?;
         let lock = take_lock(&site.name, &run_dir)?;
         let instance = Instance {
             site_name: site.name.clone(),
             prefix: prefix_of(&run_dir),
-            base_dir: options.base_dir.clone(),
-            state_dir: options.base_dir.join(&site.state_dir),
-            out_dir: options.out_dir.clone(),
+            state_dir: base_dir.join(&site.state_dir),
+            base_dir,
+            out_dir,
             clock: options.clock,
             lossless,
             owner_pid: std::process::id(),
@@ -132,30 +133,33 @@ impl Owner {
             started_mono_ns: monotonic_ns(),
             run_dir,
         };
-        kill_recorded(&instance.children_file());
-        wipe(&instance);
-        check_budget(topics.iter().map(TopicPlan::bytes_max).sum())?;
-        let root = instance.iceoryx_root();
-        make_private_dir(&root)?;
-        let config = instance.iceoryx_config();
-        fs::write(&config, iceoryx_config_text(&instance)).map_err(|source| OwnerError::Io {
-            action: "write",
-            path: config,
-            source,
-        })?;
-        instance.store(site)?;
+        // From here on, whatever fails: dropping the owner removes what it made.
+        let mut owner =
+            Self { instance, site: site.clone(), factories: Vec::new(), node: None, lock };
+        kill_recorded(&owner.instance.children_file());
+        wipe(&owner.instance);
+        check_budget(topics.iter().map(TopicPlan::bytes_max).fold(0, u64::saturating_add))?;
+        owner.create_all(&topics, plan.node_slots())?;
+        Ok(owner)
+    }
+
+    fn create_all(&mut self, topics: &[TopicPlan], node_slots: usize) -> Result<(), OwnerError> {
+        make_private_dir(&self.instance.iceoryx_root())?;
+        let config = self.instance.iceoryx_config();
+        fs::write(&config, iceoryx_config_text(&self.instance))
+            .map_err(|source| OwnerError::Io { action: "write", path: config, source })?;
+        self.instance.store(&self.site)?;
         descriptors::raise_limit();
-        let node = create_node(&instance).map_err(|reason| BusError::Open {
+        let node = create_node(&self.instance).map_err(|reason| BusError::Open {
             what: "the owner's node",
-            topic: instance.site_name.clone(),
+            topic: self.instance.site_name.clone(),
             reason,
         })?;
-        let node_slots = plan.node_slots();
-        let factories = topics
-            .iter()
-            .map(|topic| (topic.create)(&node, topic, node_slots))
-            .collect::<Result<_, BusError>>()?;
-        Ok(Self { instance, site: site.clone(), factories, node: Some(node), lock })
+        let node = self.node.insert(node);
+        for topic in topics {
+            self.factories.push((topic.create)(node, topic, node_slots)?);
+        }
+        Ok(())
     }
 
     /// What workers are handed.
@@ -220,6 +224,13 @@ impl Drop for Owner {
     }
 }
 
+fn absolute(path: &Path) -> Result<PathBuf, OwnerError> {
+    // The empty path is the directory of a site file that was named without one.
+    let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+    let resolved = std::path::absolute(path);
+    resolved.map_err(|source| OwnerError::Io { action: "resolve", path: path.into(), source })
+}
+
 /// True if the lasers of a site replay as fast as the slowest reader.
 #[must_use]
 pub fn is_lossless(site: &Site) -> bool {
@@ -231,23 +242,6 @@ fn all_topics(plan: &Plan, lossless: bool) -> Vec<TopicPlan> {
     let credited = |topic: &&TopicPlan| lossless && topic.required_readers > 0;
     let credits: Vec<_> = plan.topics.iter().filter(credited).map(bus::credit_plan).collect();
     plan.topics.iter().cloned().chain(credits).collect()
-}
-
-/// A node of ours: signals are our business, and so is sweeping up.
-pub(crate) fn create_node(instance: &Instance) -> Result<Node<ipc::Service>, String> {
-    let path = instance.iceoryx_config();
-    let path = FilePath::new(path.as_os_str().as_encoded_bytes())
-        .map_err(|error| format!("{}: {error:?}", path.display()))?;
-    // The process-wide configuration must be the instance's: iceoryx2 falls back to it when it sweeps
-    // up a node whose own record is gone. The first call of a process decides.
-    let reason = |error| format!("configuration {path}: {error:?}");
-    Config::setup_global_config_from_file(&path).map_err(reason)?;
-    let config = Config::from_file(&path).map_err(reason)?;
-    NodeBuilder::new()
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .config(&config)
-        .create::<ipc::Service>()
-        .map_err(|error| error.to_string())
 }
 
 /// A descriptor that becomes readable when the owner dies.
@@ -322,42 +316,6 @@ fn check_budget(needed: u64) -> Result<(), OwnerError> {
     Ok(())
 }
 
-fn iceoryx_config_text(instance: &Instance) -> String {
-    #[derive(serde::Serialize)]
-    struct Text {
-        global: Global,
-    }
-    #[derive(serde::Serialize)]
-    #[serde(rename_all = "kebab-case")]
-    struct Global {
-        root_path: String,
-        prefix: String,
-        service: Service,
-        node: NodePart,
-    }
-    #[derive(serde::Serialize)]
-    #[serde(rename_all = "kebab-case")]
-    struct Service {
-        cleanup_dead_nodes_on_open: bool,
-    }
-    #[derive(serde::Serialize)]
-    #[serde(rename_all = "kebab-case")]
-    struct NodePart {
-        cleanup_dead_nodes_on_creation: bool,
-        cleanup_dead_nodes_on_destruction: bool,
-    }
-    let global = Global {
-        root_path: instance.iceoryx_root().display().to_string(),
-        prefix: instance.prefix.clone(),
-        service: Service { cleanup_dead_nodes_on_open: false },
-        node: NodePart {
-            cleanup_dead_nodes_on_creation: false,
-            cleanup_dead_nodes_on_destruction: false,
-        },
-    };
-    toml::to_string(&Text { global }).unwrap_or_default()
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -369,6 +327,27 @@ mod tests {
         let numbers = text.split(' ').filter(|word| word.parse::<u64>().is_ok()).count();
         assert_eq!(numbers, 2, "{text}");
         check_budget(0).unwrap();
+    }
+
+    #[test]
+    fn a_site_that_needs_too_much_memory_leaves_nothing() {
+        let area = |n: u32| {
+            serde_json::json!({ "id": format!("a{n}"), "origin_m": [0.0, 0.0],
+                "columns": 2048, "rows": 2048 })
+        };
+        let areas: Vec<_> = (0..1000).map(area).collect();
+        let site = serde_json::json!({ "name": "huge", "area": areas, "laser": [] });
+        let site: Site = serde_json::from_value(site).unwrap();
+        let root = tempfile::tempdir().unwrap();
+        let options = OwnerOptions {
+            run_root: root.path().to_path_buf(),
+            base_dir: PathBuf::new(),
+            out_dir: None,
+            clock: Clock::Wall,
+        };
+        let error = Owner::start(&site, &options).unwrap_err();
+        assert!(matches!(error, OwnerError::SharedMemory { .. }), "{error}");
+        assert_eq!(fs::read_dir(root.path()).unwrap().count(), 0);
     }
 
     #[test]

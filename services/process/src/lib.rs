@@ -68,6 +68,7 @@ pub mod instance;
 mod leftovers;
 pub mod logging;
 pub mod loss;
+mod node;
 pub mod plan;
 pub mod ports;
 pub mod publisher;
