@@ -5,14 +5,20 @@ use std::path::PathBuf;
 
 /// Watches buildings with planar laser rangefinders and says in words what is not normal.
 #[derive(Debug, Parser)]
-#[command(name = "tog", version, about, max_term_width = 100, after_help = "\
+#[command(
+    name = "tog",
+    version,
+    about,
+    max_term_width = 100,
+    after_help = "\
 Examples:
   tog demo                          a simulated foyer, everything running, an alert within a minute
   tog replay walk.bag --out maps    what a recording says: maps, classes, events, pictures
   tog check site.toml               is this site file right?
   tog run site.toml                 start everything that the site file names
   tog status site.toml              how is it?
-  tog alerts watch site.toml        follow the alerts")]
+  tog alerts watch site.toml        follow the alerts"
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -28,6 +34,8 @@ pub enum Verb {
     Replay(Replay),
     /// Start and supervise every process that a site file names.
     Run(Run),
+    /// Let a simulated site learn from its own past, in fast motion.
+    Learn(Learn),
     /// Show how the services of a running site are.
     Status(Status),
     /// List or follow the alerts of a site.
@@ -137,6 +145,19 @@ pub struct Run {
     /// Write the results of a replayed site as `tog replay --every-frame` does: the .npy files.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  tog learn deploy/foyer.toml && tog run deploy/foyer.toml
+
+Shows the area as much of its simulated past as its detector learns and calibrates from, up to now,
+and leaves map and normal model in the state directory: `tog run` then watches from its start.")]
+/// Arguments of `tog learn`.
+pub struct Learn {
+    /// The site file; all its lasers are simulated.
+    pub site: PathBuf,
 }
 
 #[derive(Debug, Args)]

@@ -5,15 +5,9 @@
 //! foyer runs live, every service a process of its own, and somebody does what nobody does there.
 
 use crate::cli::Demo;
-use crate::pipeline::Pipeline;
-use crate::{fail, site_file};
-use fusion::core::Origin;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use laser::simulator::SimulatorSource;
+use crate::{fail, learn, site_file};
 use process::{exit, wall_ns};
-use protocol::scan::LaserScan;
-use protocol::site::{Site, Source};
-use protocol::time::SECOND_NS;
+use protocol::site::Site;
 use scene::Scene;
 use std::fs;
 use std::io;
@@ -38,11 +32,7 @@ enum DemoError {
     #[error(transparent)]
     Scene(#[from] scene::SceneError),
     #[error(transparent)]
-    Laser(#[from] laser::source::SourceError),
-    #[error(transparent)]
-    Context(#[from] mapper::context::ContextError),
-    #[error(transparent)]
-    Checkpoint(#[from] mapper::checkpoint::CheckpointError),
+    Learn(#[from] learn::LearnError),
 }
 
 /// A directory that is gone when the demo is.
@@ -77,9 +67,8 @@ fn prepare(arguments: &Demo) -> Result<(Site, Scratch), DemoError> {
     let write = |path: PathBuf, text: &str| {
         fs::write(&path, text).map_err(|source| DemoError::Write { path, source })
     };
-    let state_dir = scratch.0.join("state");
-    fs::create_dir_all(&state_dir)
-        .map_err(|source| DemoError::Write { path: state_dir.clone(), source })?;
+    fs::create_dir_all(&scratch.0)
+        .map_err(|source| DemoError::Write { path: scratch.0.clone(), source })?;
     // Every demo is a site of its own, so that two can run on one host.
     let text = SITE
         .replace("name = \"demo\"", &format!("name = \"demo-{pid}\""))
@@ -88,82 +77,27 @@ fn prepare(arguments: &Demo) -> Result<(Site, Scratch), DemoError> {
     write(path.clone(), &text)?;
     let site = site_file::parse(&text, &path)?;
 
-    learn(&site, &Scene::builtin(SCENE)?, &state_dir)?;
-    write(scratch.0.join("foyer.toml"), &scene_with_incidents(wall_ns())?)?;
+    let scene_path = scratch.0.join("foyer.toml");
+    write(scene_path.clone(), builtin_text())?;
+    learn::from_the_past(&site, &scratch.0)?;
+    write(scene_path, &scene_with_incidents(wall_ns())?)?;
     Ok((site, scratch))
+}
+
+/// The built-in foyer: its incidents are prepared, but do not happen.
+fn builtin_text() -> &'static str {
+    scene::BUILTIN.iter().find(|(name, _)| *name == SCENE).map_or("", |(_, text)| text)
 }
 
 /// The built-in foyer, with its incidents set to happen after `live_ns`.
 fn scene_with_incidents(live_ns: u64) -> Result<String, DemoError> {
     let scene = Scene::builtin(SCENE)?;
     let live_s = scene.time_s(live_ns);
-    let text = scene::BUILTIN.iter().find(|(name, _)| *name == SCENE).map_or("", |(_, text)| text);
     let at = |text: String, id: &str, at_s: f64| {
         text.replace(&format!("id = \"{id}\"\n"), &format!("id = \"{id}\"\nat_s = {at_s:.3}\n"))
     };
-    let text = at(text.to_owned(), "off-the-path", live_s + INTRUDER_AFTER_S);
+    let text = at(builtin_text().to_owned(), "off-the-path", live_s + INTRUDER_AFTER_S);
     Ok(at(text, "suitcase", live_s + SUITCASE_AFTER_S))
-}
-
-/// Shows the cores the past of the site up to the present, which they catch up with, and leaves what
-/// they learnt in the state directory.
-fn learn(site: &Site, scene: &Scene, state_dir: &Path) -> Result<(), DemoError> {
-    for area_index in 0..site.areas.len() {
-        let mut pipeline = Pipeline::new(site, area_index)?;
-        let detector = &pipeline.area.detector;
-        // A minute more: the windows must fill before the first frame counts.
-        let past_s = detector.learning_s + detector.calibration_s + 120.0;
-        let begin_ns = wall_ns().saturating_sub((past_s * SECOND_NS as f64) as u64);
-        let mut sources = Vec::new();
-        for laser in &pipeline.lasers {
-            let (seed, rate_hz) = match &laser.source {
-                Source::Simulator { seed, rate_hz, .. } => (*seed, *rate_hz),
-                Source::Replay { .. } => continue, // the demo's own site file has none
-            };
-            let spec = laser::site::simulated_laser(scene, laser);
-            sources.push(SimulatorSource::new(scene.clone(), spec, seed, rate_hz, begin_ns)?);
-        }
-        let bar = progress_bar(past_s as u64);
-        let mut scan = LaserScan::default();
-        let mut changes = Vec::new();
-        loop {
-            for (index, source) in sources.iter_mut().enumerate() {
-                source.next(&mut scan);
-                let origin = Origin { laser: index, session: 0, seq: 0, published_mono_ns: 0 };
-                // The simulator's scans are well formed: a refusal would be counted and show as an
-                // area that never learns.
-                let _ = pipeline.fusion.scan(origin, scan.view(), None);
-            }
-            pipeline.run_frames(&mut changes, |_, _| {});
-            changes.clear();
-            if scan.stamp_ns >= wall_ns() {
-                break;
-            }
-            bar.set_position(scan.stamp_ns.saturating_sub(begin_ns) / SECOND_NS);
-        }
-        bar.finish_and_clear();
-        store(&mut pipeline, state_dir)?;
-    }
-    Ok(())
-}
-
-/// Leaves what was learnt where the services look for it.
-fn store(pipeline: &mut Pipeline, state_dir: &Path) -> Result<(), DemoError> {
-    let id = pipeline.area.id.clone();
-    let map = mapper::shell::checkpoint_path(state_dir, &id);
-    let bytes = mapper::checkpoint::encode(&pipeline.mapper.checkpoint())
-        .map_err(|source| DemoError::Write { path: map.clone(), source })?;
-    mapper::checkpoint::write(&map, &bytes)?;
-    anomaly::store::save_normal(state_dir, &id, &mut pipeline.watch)
-        .map_err(|source| DemoError::Write { path: state_dir.to_owned(), source })
-}
-
-fn progress_bar(seconds: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(seconds), ProgressDrawTarget::stderr());
-    if let Ok(style) = ProgressStyle::with_template("learning [{wide_bar}] {pos}/{len} s of past") {
-        bar.set_style(style.progress_chars("=> "));
-    }
-    bar
 }
 
 fn explain(site: &Site, directory: &Path) {

@@ -2,6 +2,7 @@
 
 mod cli;
 mod demo;
+mod learn;
 mod operate;
 mod pipeline;
 mod replay;
@@ -16,6 +17,7 @@ fn main() -> ExitCode {
     match Cli::parse().verb {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Replay(arguments) => replay::main(&arguments),
+        Verb::Learn(arguments) => learn::run(&arguments),
         Verb::Run(arguments) => operate::run(&arguments),
         Verb::Status(arguments) => operate::status(&arguments),
         Verb::Alerts(arguments) => alerts_verb(arguments),

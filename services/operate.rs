@@ -16,7 +16,7 @@ fn load(path: &Path) -> Result<Site, ExitCode> {
 }
 
 /// Where relative paths of the site file begin.
-fn base_dir(site_file: &Path) -> PathBuf {
+pub fn base_dir(site_file: &Path) -> PathBuf {
     let absolute = std::path::absolute(site_file).unwrap_or_else(|_| site_file.to_owned());
     absolute.parent().map(Path::to_owned).unwrap_or_default()
 }

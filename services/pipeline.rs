@@ -41,11 +41,7 @@ impl Pipeline {
 
     /// Passes on every frame that is complete. `step` is called with the number and the classes of
     /// each frame; changes of events are appended to `changes`.
-    pub fn run_frames(
-        &mut self,
-        changes: &mut Vec<EventChange>,
-        mut step: impl FnMut(u64, &[u8]),
-    ) {
+    pub fn run_frames(&mut self, changes: &mut Vec<EventChange>, mut step: impl FnMut(u64, &[u8])) {
         while let Some(frame) = self.fusion.next_frame(None) {
             let context = self.mapper.context_of(frame.number);
             self.mapper.frame(frame.view(), |number, grid| step(number, grid.classes()));

@@ -38,8 +38,7 @@ pub fn load(path: &Path) -> Result<Site, SiteFileError> {
 /// All that is wrong with it.
 pub fn parse(text: &str, path: &Path) -> Result<Site, SiteFileError> {
     let name = path.display().to_string();
-    let (site, warnings) =
-        Site::parse_with_warnings(text, &name).map_err(SiteFileError::Wrong)?;
+    let (site, warnings) = Site::parse_with_warnings(text, &name).map_err(SiteFileError::Wrong)?;
     let warnings = warnings.to_string();
     if !warnings.is_empty() {
         eprint!("{warnings}");

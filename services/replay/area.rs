@@ -159,9 +159,7 @@ impl AreaRun {
     pub fn finish(self, recording: &Path) -> Result<(), ReplayError> {
         let Self { pipeline, results, events, directory, .. } = self;
         let mapper = &pipeline.mapper;
-        results
-            .finish(mapper.grid(), &mapper.context_names())
-            .map_err(write_error(&directory))?;
+        results.finish(mapper.grid(), &mapper.context_names()).map_err(write_error(&directory))?;
         output::write_grid(&directory, &pipeline)?;
         let marks = events.finish()?;
         output::write_pictures(&directory, &pipeline, &marks, recording)

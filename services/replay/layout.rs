@@ -31,10 +31,10 @@ pub fn lay_out(
     let path = toml_string(&recording.path().display().to_string());
     for topic in &index.topics {
         let id = identifier(&topic.topic, &ids);
-        let grid = topic.extent.area(CELL_M).map_err(|source| ReplayError::Layout {
-            topic: topic.topic.clone(),
-            source,
-        })?;
+        let grid = topic
+            .extent
+            .area(CELL_M)
+            .map_err(|source| ReplayError::Layout { topic: topic.topic.clone(), source })?;
         let topic = toml_string(&topic.topic);
         let [x_m, y_m] = grid.origin_m;
         // Writing to a String cannot fail.
