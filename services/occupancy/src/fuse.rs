@@ -273,13 +273,13 @@ impl Marks {
 /// without a branch, since a mispredicted one costs more than the window.
 #[inline]
 fn walk_window(wedge: &[WedgeCell], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
-    const WINDOW: usize = 8;
+    const WINDOW: usize = 4;
     let Some(last) = wedge.len().checked_sub(WINDOW) else { return walk(wedge, guess, inside) };
     let first = (guess as usize).saturating_sub(WINDOW / 2).min(last);
-    let Some(window) = wedge.get(first..first + WINDOW) else { return guess };
-    let count: usize = window.iter().map(|cell| usize::from(inside(cell.rho_m))).sum();
-    let mark = (first + count) as u32;
-    if (1..WINDOW).contains(&count) { mark } else { walk(wedge, mark, inside) }
+    let Some([a, b, c, d]) = wedge.get(first..first + WINDOW) else { return guess };
+    let count = |cell: &WedgeCell| u32::from(inside(cell.rho_m));
+    let mark = first as u32 + ((count(a) + count(b)) + (count(c) + count(d)));
+    walk(wedge, mark, inside)
 }
 
 /// The number of leading cells for which `inside` holds, searched from a guess near it.
