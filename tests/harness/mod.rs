@@ -1,0 +1,310 @@
+//! A real site for a test: the real binary, a directory and a run directory of its own.
+//!
+//! Nothing is timed. A test waits for a line of the log, or for a condition of the status, under a
+//! watchdog that only a bug reaches; the harness asks for the status again and again, as a person
+//! would. Whatever happens, panics included, nothing of a site outlives its [`Site`].
+
+mod process;
+mod running;
+
+pub use process::{kill, processes_of, shared_memory};
+pub use running::{Lines, Running};
+
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+use supervisor::{ServiceStatus, StatusReport};
+
+/// Only a bug waits for so long, on the busiest machine.
+pub const WATCHDOG: Duration = Duration::from_secs(120);
+/// How often a condition of the status is looked at while no line comes.
+const LOOK: Duration = Duration::from_millis(5);
+/// So few bytes that the sockets in the run directory fit into their 107.
+const SCRATCH: &str = "/tmp/tog-t";
+
+static SCRATCHES: AtomicU32 = AtomicU32::new(0);
+
+/// True if the long variants shall run as well.
+pub fn is_nightly() -> bool {
+    std::env::var_os("TOG_NIGHTLY").is_some_and(|value| value == "1")
+}
+
+/// A directory of a test, removed at its end.
+pub struct Scratch(pub PathBuf);
+
+impl Scratch {
+    /// Makes it.
+    pub fn new() -> Self {
+        let number = SCRATCHES.fetch_add(1, Ordering::Relaxed);
+        let path = PathBuf::from(format!("{SCRATCH}-{}-{number}", std::process::id()));
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    /// Writes a file into it.
+    pub fn write(&self, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.0.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, text).unwrap();
+        path
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// `tog` with these arguments, and a run directory of the test.
+pub fn tog<I: AsRef<OsStr>>(run_root: &Path, arguments: impl IntoIterator<Item = I>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tog"));
+    command.args(arguments).env("TOG_RUN_DIR", run_root).stdin(Stdio::null());
+    command
+}
+
+/// How a site of a test is started.
+pub struct Setup {
+    scratch: Scratch,
+    arguments: Vec<String>,
+}
+
+impl Setup {
+    /// A site file; it has a line `name = ".."`.
+    pub fn new(toml: &str) -> Self {
+        let scratch = Scratch::new();
+        scratch.write("site.toml", toml);
+        Self { scratch, arguments: Vec::new() }
+    }
+
+    /// A file beside the site file.
+    pub fn file(self, name: &str, content: impl AsRef<[u8]>) -> Self {
+        self.scratch.write(name, content);
+        self
+    }
+
+    /// More arguments of `tog run`.
+    pub fn arguments<T: Into<String>>(mut self, more: impl IntoIterator<Item = T>) -> Self {
+        self.arguments.extend(more.into_iter().map(Into::into));
+        self
+    }
+
+    /// The directory of the site file.
+    pub fn dir(&self) -> &Path {
+        &self.scratch.0
+    }
+
+    /// Starts it.
+    pub fn start(self) -> Site {
+        let dir = self.scratch.0.clone();
+        let text = fs::read_to_string(dir.join("site.toml")).unwrap();
+        let named = text.lines().find_map(|line| line.strip_prefix("name = \"")?.split('"').next());
+        let run_dir = dir.join("r").join(named.expect("a site has a name"));
+        let mut site = Site {
+            running: None,
+            arguments: self.arguments,
+            run_dir,
+            prefix: None,
+            dir,
+            _scratch: self.scratch,
+        };
+        site.start_again();
+        site
+    }
+}
+
+/// A site of real processes.
+pub struct Site {
+    running: Option<Running>,
+    arguments: Vec<String>,
+    /// Directory of the site file.
+    pub dir: PathBuf,
+    /// Its run directory.
+    pub run_dir: PathBuf,
+    prefix: Option<String>,
+    _scratch: Scratch,
+}
+
+impl Site {
+    /// Starts a site from a site file with a line `name = ".."`.
+    pub fn start(toml: &str) -> Self {
+        Setup::new(toml).start()
+    }
+
+    /// Starts it once more, after its end.
+    pub fn start_again(&mut self) {
+        let file = self.file().to_str().unwrap().to_owned();
+        let arguments = ["run".to_owned(), file].into_iter().chain(self.arguments.iter().cloned());
+        self.running = Some(Running::start(tog(&self.run_root(), arguments)));
+    }
+
+    /// The site file.
+    pub fn file(&self) -> PathBuf {
+        self.dir.join("site.toml")
+    }
+
+    /// The value of TOG_RUN_DIR.
+    pub fn run_root(&self) -> PathBuf {
+        self.dir.join("r")
+    }
+
+    /// Its supervisor.
+    pub fn running(&self) -> &Running {
+        self.running.as_ref().unwrap()
+    }
+
+    /// Its log.
+    pub fn log(&self) -> Arc<Lines> {
+        Arc::clone(&self.running().log)
+    }
+
+    /// Runs another verb on its site file to the end: `site.tog(&["status"], &["--format", "json"])`.
+    pub fn tog(&self, verb: &[&str], options: &[&str]) -> Output {
+        self.command(verb, options).output().unwrap()
+    }
+
+    /// Starts another verb on its site file.
+    pub fn follow(&self, verb: &[&str], options: &[&str]) -> Running {
+        Running::start(self.command(verb, options))
+    }
+
+    fn command(&self, verb: &[&str], options: &[&str]) -> Command {
+        let mut command = tog(&self.run_root(), verb);
+        command.arg(self.file()).args(options);
+        command
+    }
+
+    /// What the supervisor says now, if it answers.
+    pub fn status(&mut self) -> Option<StatusReport> {
+        let report = supervisor::status(self.run_dir.to_str().unwrap()).ok()?;
+        if self.prefix.is_none() {
+            self.prefix = ::process::Instance::load(&self.run_dir).ok().map(|i| i.prefix);
+        }
+        Some(report)
+    }
+
+    /// Looks at the status until `pass` returns something.
+    pub fn wait_until<T>(
+        &mut self,
+        what: &str,
+        mut pass: impl FnMut(&StatusReport) -> Option<T>,
+    ) -> T {
+        let (start, log) = (Instant::now(), self.log());
+        let mut last = None;
+        loop {
+            if let Some(report) = self.status() {
+                if let Some(value) = pass(&report) {
+                    return value;
+                }
+                last = Some(report);
+            }
+            let ended = self.running.as_mut().unwrap().try_wait();
+            if ended.is_some() || start.elapsed() >= WATCHDOG {
+                let table = last.map(|report| report.table()).unwrap_or_default();
+                panic!("{what} never came ({ended:?}):\n{}\n{table}", log.text());
+            }
+            log.wait_a_moment(LOOK);
+        }
+    }
+
+    /// Waits until every process runs and nothing is wrong.
+    pub fn wait_until_healthy(&mut self) -> StatusReport {
+        self.wait_until("health", |report| report.is_healthy().then(|| report.clone()))
+    }
+
+    /// Waits until every process is well *and* data flows through all of them: after this moment, each
+    /// area's anomaly service has taken `frames` more class maps.
+    pub fn wait_until_frames_flow(&mut self, frames: u64) -> StatusReport {
+        let before = self.wait_until_healthy();
+        self.wait_until("frames through the whole site", |report| {
+            let flows = |service: &ServiceStatus| {
+                let last = find(&before, &service.name);
+                let since = if last.pid == service.pid { count(last, "class_maps_in") } else { 0 };
+                count(service, "class_maps_in") >= since + frames
+            };
+            let mut watches = report.services.iter().filter(|s| s.name.starts_with("anomaly"));
+            (report.is_healthy() && watches.all(flows)).then(|| report.clone())
+        })
+    }
+
+    /// The process id of a service, once it runs.
+    pub fn pid_of(&mut self, service: &str) -> u32 {
+        self.wait_until(service, |report| find(report, service).pid)
+    }
+
+    /// Sends a signal to a service, once it runs; returns its process id.
+    pub fn kill(&mut self, service: &str, signal: Signal) -> u32 {
+        let pid = self.pid_of(service);
+        kill(pid, signal);
+        pid
+    }
+
+    /// SIGTERM, then [`Site::wait_end`]; the code must be 0.
+    pub fn stop(&mut self) -> String {
+        self.status();
+        self.running().signal(Signal::TERM);
+        let (code, log) = self.wait_end();
+        assert_eq!(code, Some(0), "{log}");
+        log
+    }
+
+    /// Waits for the end by itself: no process, no shared memory, no run directory is left. The exit
+    /// code, and the log.
+    pub fn wait_end(&mut self) -> (Option<i32>, String) {
+        let code = self.running.as_mut().unwrap().wait().code();
+        let log = self.log().text();
+        self.assert_nothing_is_left(&log);
+        (code, log)
+    }
+
+    /// No process, no shared memory, no run directory.
+    pub fn assert_nothing_is_left(&self, log: &str) {
+        let mut left = String::new();
+        for pid in processes_of(&self.run_dir) {
+            let _ = writeln!(left, "process {pid}");
+        }
+        for path in self.prefix.iter().flat_map(|prefix| shared_memory(prefix)) {
+            let _ = writeln!(left, "{}", path.display());
+        }
+        for entry in fs::read_dir(self.run_root()).into_iter().flatten().flatten() {
+            let _ = writeln!(left, "{}", entry.path().display());
+        }
+        assert!(left.is_empty(), "left behind:\n{left}\n{log}");
+    }
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        self.status();
+        self.running = None;
+        for pid in processes_of(&self.run_dir) {
+            kill(pid, Signal::KILL);
+        }
+        for path in self.prefix.iter().flat_map(|prefix| shared_memory(prefix)) {
+            let _ = fs::remove_file(path);
+        }
+    }
+}
+
+/// A service of a report.
+pub fn find<'a>(report: &'a StatusReport, service: &str) -> &'a ServiceStatus {
+    let found = report.services.iter().find(|other| other.name == service);
+    found.unwrap_or_else(|| panic!("there is no {service}"))
+}
+
+/// A counter of a service.
+pub fn count(service: &ServiceStatus, counter: &str) -> u64 {
+    service.counters.get(counter).copied().unwrap_or(0)
+}
+
+/// The process id of each service that runs.
+pub fn pids(report: &StatusReport) -> BTreeMap<String, u32> {
+    report.services.iter().filter_map(|s| Some((s.name.clone(), s.pid?))).collect()
+}

@@ -1,0 +1,104 @@
+//! Start, stop, a second instance, and what a crashed run leaves.
+
+use super::{ROOM, SERVICES};
+use crate::harness::{Setup, Site, count, find, kill, pids, processes_of, shared_memory, tog};
+use rustix::process::Signal;
+use supervisor::StatusReport;
+
+#[test]
+fn a_site_that_is_asked_to_stop_leaves_nothing() {
+    for signal in [Signal::TERM, Signal::INT] {
+        let mut site = Site::start(ROOM);
+        let report = site.wait_until_frames_flow(10);
+        let mut names: Vec<_> = pids(&report).into_keys().collect();
+        names.sort();
+        let mut expected = SERVICES.map(str::to_owned).to_vec();
+        expected.sort();
+        assert_eq!(names, expected);
+        site.running().signal(signal);
+        let (code, log) = site.wait_end();
+        assert_eq!(code, Some(0), "{log}");
+        assert!(!log.contains("killed"), "{log}");
+    }
+}
+
+#[test]
+fn a_site_ends_by_itself_after_its_seconds() {
+    let mut site = Setup::new(ROOM).arguments(["--seconds", "2"]).start();
+    let (code, log) = site.wait_end();
+    assert_eq!(code, Some(0), "{log}");
+    assert!(log.contains("its time is over"), "{log}");
+}
+
+#[test]
+fn the_status_is_told_to_people_and_to_programs() {
+    let mut site = Site::start(ROOM);
+    site.wait_until_frames_flow(10);
+    let json = site.tog(&["status"], &["--format", "json"]);
+    let report: StatusReport = serde_json::from_slice(&json.stdout).unwrap();
+    assert!(count(find(&report, "fusion room"), "frames_out") > 0, "{report:?}");
+    let text = String::from_utf8(site.tog(&["status"], &[]).stdout).unwrap();
+    for service in SERVICES {
+        assert!(text.contains(service), "{text}");
+    }
+    site.stop();
+    let silent = site.tog(&["status"], &[]);
+    assert_eq!(silent.status.code(), Some(1));
+    let words = String::from_utf8(silent.stderr).unwrap();
+    assert!(words.contains("no site runs") && words.contains("tog run"), "{words}");
+}
+
+#[test]
+fn a_second_instance_is_refused_by_name_and_the_first_goes_on() {
+    let mut site = Site::start(ROOM);
+    let before = pids(&site.wait_until_frames_flow(1));
+    let second = tog(&site.run_root(), ["run"]).arg(site.file()).output().unwrap();
+    let words = String::from_utf8(second.stderr).unwrap();
+    assert_eq!(second.status.code(), Some(1), "{words}");
+    let pid = site.running().pid();
+    assert!(words.contains(&format!("process {pid}")) && words.contains("already runs"), "{words}");
+    let after = site.wait_until_frames_flow(10);
+    assert_eq!(pids(&after), before);
+    site.stop();
+}
+
+#[test]
+fn the_shared_memory_of_a_crashed_run_is_cleared_by_the_next() {
+    let mut site = Site::start(ROOM);
+    let report = site.wait_until_frames_flow(10);
+    let prefix = process::Instance::load(&site.run_dir).unwrap().prefix;
+    // All at once, the supervisor first: nobody is left who could tidy up.
+    site.running().signal(Signal::KILL);
+    for pid in pids(&report).into_values() {
+        kill(pid, Signal::KILL);
+    }
+    site.log().wait_a_moment(std::time::Duration::ZERO);
+    let stale = shared_memory(&prefix);
+    assert!(!stale.is_empty(), "a crash leaves shared memory, else this test shows nothing");
+    site.start_again();
+    let again = site.wait_until_frames_flow(10);
+    assert!(pids(&again).values().all(|pid| !pids(&report).values().any(|old| old == pid)));
+    let kept: Vec<_> = stale.iter().filter(|path| is_of_before(path, &again)).collect();
+    assert!(kept.is_empty(), "{kept:?}");
+    site.stop();
+}
+
+/// True if a file is older than the run.
+fn is_of_before(path: &std::path::Path, report: &StatusReport) -> bool {
+    let Ok(modified) = path.metadata().and_then(|data| data.modified()) else { return false };
+    let age = modified.duration_since(std::time::UNIX_EPOCH).unwrap();
+    (age.as_nanos() as u64) < report.started_ns
+}
+
+#[test]
+fn the_children_of_a_killed_supervisor_stop_by_themselves() {
+    let mut site = Site::start(ROOM);
+    site.wait_until_frames_flow(1);
+    assert_eq!(processes_of(&site.run_dir).len(), SERVICES.len());
+    site.running().signal(Signal::KILL);
+    let start = std::time::Instant::now();
+    while !processes_of(&site.run_dir).is_empty() {
+        assert!(start.elapsed() < crate::harness::WATCHDOG, "they live on");
+        site.log().wait_a_moment(std::time::Duration::from_millis(20));
+    }
+}

@@ -1,0 +1,38 @@
+//! Faults: whatever is killed, stopped, full or left over, the site goes on, or says why not.
+
+mod life;
+
+/// Two lasers of a small room, one area, everything else as it is by default.
+pub const ROOM: &str = r#"
+name = "t"
+timezone = "UTC"
+state_dir = "state"
+
+[[area]]
+id = "room"
+origin_m = [-0.5, -0.5]
+cell_m = 0.1
+columns = 110
+rows = 100
+checkpoint_s = 1
+
+[[laser]]
+id = "south"
+area = "room"
+x_m = 4.6
+y_m = 0.2
+yaw_deg = 90
+source = { kind = "simulator", scene = "room", seed = 1 }
+
+[[laser]]
+id = "north"
+area = "room"
+x_m = 5.2
+y_m = 8.8
+yaw_deg = -90
+source = { kind = "simulator", scene = "room", seed = 1 }
+"#;
+
+/// The processes of [`ROOM`].
+pub const SERVICES: [&str; 6] =
+    ["alerts", "anomaly room", "mapper room", "fusion room", "laser south", "laser north"];
