@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from rosbags.highlevel import AnyReader
+from rosbags.highlevel import AnyReader, AnyReaderError
 
 import walk_bag
 
@@ -86,8 +86,8 @@ def scans_of(path):
                 (connection.topic, reader.deserialize(raw, connection.msgtype))
                 for connection, _, raw in reader.messages(connections=connections)
             ]
-    except AssertionError:  # rosbags asserts what the index should say
-        print(f"{path}: rosbags refuses the index; reading the records one by one")
+    except (AssertionError, AnyReaderError) as error:  # it asserts what the index should say
+        print(f"{path}: rosbags refuses the bag ({error}); reading the records one by one")
         return list(walk_bag.scans(path, LASER_SCAN))
 
 
@@ -347,7 +347,7 @@ def compare(tracks, out, options, show=5):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("recording", nargs="?", type=Path, help="a ROS 1 bag (format 2.0)")
+    parser.add_argument("recording", nargs="?", type=Path, help="a ROS 1 bag (format 2.0 or 1.2)")
     parser.add_argument("out", nargs="?", type=Path, help="directory with grid.json and the arrays")
     parser.add_argument("--dr-m", type=float, help="default max(0.01, 0.6 cell)")
     parser.add_argument("--dphi-rad", type=float, help="default half the angular increment")

@@ -1,7 +1,8 @@
-"""Reads a ROS 1 bag (format 2.0) record by record, without its index.
+"""Reads a ROS 1 bag (format 2.0 or 1.2) record by record, without its index.
 
-For bags whose index is damaged or unusual, which rosbags refuses. Source: the ROS wiki's page
-"Bags/Format/2.0". The messages themselves are decoded by rosbags.
+For bags that rosbags refuses: their index is damaged or unusual, or they are of version 1.2.
+Source: the ROS wiki's pages "Bags/Format/2.0" and "Bags/Format/1.2". The messages themselves are
+decoded by rosbags.
 """
 
 import bz2
@@ -11,7 +12,7 @@ from pathlib import Path
 import lz4.frame
 from rosbags.typesys import Stores, get_typestore
 
-MAGIC = b"#ROSBAG V2.0\n"
+MAGICS = (b"#ROSBAG V2.0\n", b"#ROSRECORD V1.2\n")
 OP_MESSAGE, OP_INDEX, OP_CHUNK, OP_CONNECTION = b"\x02", b"\x04", b"\x05", b"\x07"
 UNPACK = {b"none": bytes, b"bz2": bz2.decompress, b"lz4": lz4.frame.decompress}
 
@@ -34,8 +35,8 @@ def records(data, at=0):
         header, at = sized(data, at)
         fields = fields_of(header)
         body, end = sized(data, at)
-        if fields.get("op") == OP_INDEX:
-            # An index entry has 12 bytes. Old recorders counted 20 and wrote 12.
+        if fields.get("op") == OP_INDEX and "conn" in fields:
+            # Version 2.0. An index entry has 12 bytes. Old recorders counted 20 and wrote 12.
             end = at + 4 + 12 * struct.unpack("<I", fields["count"])[0]
         if end > len(data):
             print(f"the record at byte {start} is cut off by the end ({len(data)} bytes)")
@@ -53,8 +54,9 @@ def sized(data, at):
 def scans(path, message_type):
     """(topic, message) of all messages of a type, in the order of their receive times."""
     data = Path(path).read_bytes()
-    if not data.startswith(MAGIC):
-        raise ValueError(f"{path}: starts with {data[:16]!r}, {MAGIC!r} expected")
+    magic = next((magic for magic in MAGICS if data.startswith(magic)), None)
+    if magic is None:
+        raise ValueError(f"{path}: starts with {data[:16]!r}, one of {MAGICS} expected")
     store, topics, found = get_typestore(Stores.ROS1_NOETIC), {}, []
     short_name = message_type.replace("/msg/", "/").encode()
 
@@ -65,11 +67,15 @@ def scans(path, message_type):
                 take(*inner)
         elif op == OP_CONNECTION and fields_of(body)["type"] == short_name:
             topics[fields["conn"]] = fields["topic"].decode()
+        elif op == OP_MESSAGE and "conn" not in fields:  # version 1.2
+            if fields["type"] == short_name:
+                seconds, nanoseconds = struct.unpack("<II", fields["sec"] + fields["nsec"])
+                found.append(((seconds, nanoseconds), fields["topic"].decode(), body))
         elif op == OP_MESSAGE and fields["conn"] in topics:
             seconds, nanoseconds = struct.unpack("<II", fields["time"])
             found.append(((seconds, nanoseconds), topics[fields["conn"]], body))
 
-    for record in records(data, len(MAGIC)):
+    for record in records(data, len(magic)):
         take(*record)
     for _, topic, body in sorted(found, key=lambda f: f[0]):
         yield topic, store.deserialize_ros1(body, message_type)

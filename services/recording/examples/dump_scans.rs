@@ -1,5 +1,5 @@
-//! Prints every scan of a recording as a line: topic, number, log time, stamp, geometry and ranges as
-//! bit patterns. For comparison with other readers (`tests/independent/compare_recordings.py`).
+//! Prints every scan of a recording as a line: topic, number, log time, stamp, geometry and ranges
+//! as bit patterns. For comparison with other readers (`tests/independent/compare_recordings.py`).
 
 use std::io::Write;
 

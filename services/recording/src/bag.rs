@@ -1,15 +1,19 @@
 //! Container of ROS 1 bags, version 2.0 (wiki.ros.org/Bags/Format/2.0), read from front to back.
 //!
-//! A bag is a row of records: length and header of `name=value` fields, length and data. Chunks hold
-//! records themselves, plain or compressed. The index at the end is only counted: a bag that is cut,
-//! or was never closed, has none, and front to back is the order of the recorder.
+//! A bag is a row of records: length and header of `name=value` fields, length and data. Chunks
+//! hold records themselves, plain or compressed. The index at the end is only counted: a bag that
+//! is cut, or was never closed, has none, and front to back is the order of the recorder.
 //!
-//! **Here:** not the crate `rosbag`: it maps the whole file, takes a slice up to the `index_pos` of the
-//! header without a look at the length of the file (a cut bag is a panic), and unpacks whole chunks to
-//! whatever size they announce. A chunk is a stream here: memory is one message, and a cut chunk gives
-//! the messages before the cut.
+//! **Here:** not the crate `rosbag`: it maps the whole file, takes a slice up to the `index_pos` of
+//! the header without a look at the length of the file (a cut bag is a panic), and unpacks whole
+//! chunks to whatever size they announce. A chunk is a stream here: memory is one message, and a
+//! cut chunk gives the messages before the cut.
 
 use crate::format::ROS1_MAGIC;
+use crate::record::{
+    CONNECTION_BYTES_MAX, CONNECTIONS_MAX, Fault, field, field_op, field_u32, read_head, read_u32,
+    sized, time_ns,
+};
 use crate::section::Section;
 use crate::stream::{Channels, Raw, StreamEnd};
 use std::collections::BTreeMap;
@@ -19,12 +23,6 @@ use std::sync::Arc;
 
 /// Longest header of a record: real ones are below 300 bytes (a topic name is the longest part).
 const HEAD_BYTES_MAX: usize = 64 * 1024;
-/// Longest description of a connection: the text of the largest message definitions is about 30 kB.
-const CONNECTION_BYTES_MAX: usize = 1 << 20;
-/// Most connections: a recording of a whole robot has a few hundred.
-const CONNECTIONS_MAX: usize = 65_536;
-/// Type of the messages that are scans.
-const SCAN_TYPE: &str = "sensor_msgs/LaserScan";
 
 const OP_MESSAGE: u8 = 2;
 const OP_BAG_HEADER: u8 = 3;
@@ -60,20 +58,6 @@ struct Chunk {
     is_cut: bool,
     /// Bytes of records that are still to come, as the header announced.
     left: u64,
-}
-
-/// Why a record could not be read.
-enum Fault {
-    /// The bytes end in the middle of it.
-    Short,
-    Bad(String),
-    Io(io::Error),
-}
-
-impl From<io::Error> for Fault {
-    fn from(error: io::Error) -> Self {
-        if error.kind() == io::ErrorKind::UnexpectedEof { Self::Short } else { Self::Io(error) }
-    }
 }
 
 impl BagReader {
@@ -137,7 +121,7 @@ impl BagReader {
         reader: &mut impl Read,
         channels: &mut Channels,
     ) -> Result<(), Fault> {
-        read_head(reader, &mut self.head)?;
+        read_head(reader, &mut self.head, HEAD_BYTES_MAX)?;
         let data_length = u64::from(read_u32(reader)?);
         let data_begin = self.at + 8 + self.head.len() as u64;
         let mut data_end = data_begin + data_length;
@@ -153,7 +137,7 @@ impl BagReader {
             OP_BAG_HEADER => {
                 let index_pos = field(&self.head, b"index_pos")?;
                 self.announced = [
-                    u64::from_le_bytes(sized(index_pos, "index_pos")?),
+                    u64::from_le_bytes(sized(index_pos, b"index_pos")?),
                     u64::from(field_u32(&self.head, b"conn_count")?),
                     u64::from(field_u32(&self.head, b"chunk_count")?),
                 ];
@@ -245,7 +229,7 @@ impl BagReader {
         raw: &mut Raw,
     ) -> Result<Option<usize>, Fault> {
         let mut reader = chunk.records.by_ref().take(chunk.left);
-        read_head(&mut reader, &mut self.head)?;
+        read_head(&mut reader, &mut self.head, HEAD_BYTES_MAX)?;
         let data_length = u64::from(read_u32(&mut reader)?);
         if data_length > reader.limit() {
             return Err(Fault::Short);
@@ -260,7 +244,8 @@ impl BagReader {
                     return Err(Fault::Bad(format!("a message of the unknown connection {id}")));
                 };
                 if let Some(topic) = *topic {
-                    raw.log_time_ns = time_ns(sized(field(&self.head, b"time")?, "time")?);
+                    let time = u64::from_le_bytes(sized(field(&self.head, b"time")?, b"time")?);
+                    raw.log_time_ns = time_ns(time as u32, (time >> 32) as u32);
                     raw.read(&mut reader, data_length)?;
                     scan_topic = Some(topic);
                 }
@@ -293,25 +278,15 @@ impl BagReader {
                 "a connection described by {length} bytes, at most {CONNECTION_BYTES_MAX} are read"
             )));
         }
-        let topic = String::from_utf8_lossy(field(&self.head, b"topic")?).into_owned();
         let mut data = Vec::new();
         reader.take(length).read_to_end(&mut data)?;
         if (data.len() as u64) < length {
             return Err(Fault::Short);
         }
-        let message_type = String::from_utf8_lossy(field(&data, b"type")?).into_owned();
-        let md5 = field(&data, b"md5sum")?;
-        let is_standard = md5 == crate::laser_scan::ROS1_MD5.as_bytes() || md5 == b"*";
-        let scan_topic = if message_type == SCAN_TYPE && is_standard {
-            Some(channels.scan_topic(&topic))
-        } else if message_type == SCAN_TYPE {
-            channels.other(&topic, format!("{SCAN_TYPE} of another definition"));
-            None
-        } else {
-            channels.other(&topic, message_type);
-            None
-        };
-        self.connections.insert(id, scan_topic);
+        let topic = field(&self.head, b"topic")?;
+        let scan_topic =
+            channels.ros1_topic(topic, field(&data, b"type")?, field(&data, b"md5sum")?);
+        self.connections.insert(id, scan_topic.map_err(Fault::Bad)?);
         Ok(())
     }
 
@@ -335,63 +310,4 @@ impl BagReader {
         };
         Err(StreamEnd::Cut { offset: self.length, reason })
     }
-}
-
-fn read_u32(reader: &mut impl Read) -> Result<u32, Fault> {
-    let mut bytes = [0; 4];
-    reader.read_exact(&mut bytes)?;
-    Ok(u32::from_le_bytes(bytes))
-}
-
-fn read_head(reader: &mut impl Read, head: &mut Vec<u8>) -> Result<(), Fault> {
-    let length = read_u32(reader)? as usize;
-    if length > HEAD_BYTES_MAX {
-        return Err(Fault::Bad(format!(
-            "a record header of {length} bytes, expected at most {HEAD_BYTES_MAX}"
-        )));
-    }
-    head.resize(length, 0);
-    reader.read_exact(head)?;
-    Ok(())
-}
-
-/// The value of a field of a record header.
-fn field<'a>(mut head: &'a [u8], name: &[u8]) -> Result<&'a [u8], Fault> {
-    let text = name.escape_ascii();
-    while let Some((length, rest)) = head.split_first_chunk::<4>() {
-        let length = u32::from_le_bytes(*length) as usize;
-        if length > rest.len() {
-            return Err(Fault::Bad(format!(
-                "a header field of {length} bytes where {} are left",
-                rest.len()
-            )));
-        }
-        let (entry, behind) = rest.split_at(length);
-        if let Some(value) = entry.strip_prefix(name).and_then(|rest| rest.strip_prefix(b"=")) {
-            return Ok(value);
-        }
-        head = behind;
-    }
-    Err(Fault::Bad(format!("a record without the field \"{text}\"")))
-}
-
-fn sized<const N: usize>(value: &[u8], name: &str) -> Result<[u8; N], Fault> {
-    value.try_into().map_err(|_| {
-        Fault::Bad(format!("field \"{name}\" has {} bytes, expected {N}", value.len()))
-    })
-}
-
-fn field_op(head: &[u8]) -> Result<u8, Fault> {
-    sized::<1>(field(head, b"op")?, "op").map(|[op]| op)
-}
-
-fn field_u32(head: &[u8], name: &[u8]) -> Result<u32, Fault> {
-    let text = name.escape_ascii().to_string();
-    Ok(u32::from_le_bytes(sized(field(head, name)?, &text)?))
-}
-
-/// Seconds and nanoseconds of a record to nanoseconds.
-fn time_ns([s0, s1, s2, s3, n0, n1, n2, n3]: [u8; 8]) -> u64 {
-    let seconds = u64::from(u32::from_le_bytes([s0, s1, s2, s3]));
-    seconds * protocol::time::SECOND_NS + u64::from(u32::from_le_bytes([n0, n1, n2, n3]))
 }

@@ -29,7 +29,10 @@ pub enum RecordingError {
         path: PathBuf,
     },
     /// A file of another kind.
-    #[error("{}: is {found}, expected an MCAP file or a ROS 1 bag (V2.0): {advice}", path.display())]
+    #[error(
+        "{}: is {found}, expected an MCAP file or a ROS 1 bag (V2.0 or V1.2): {advice}",
+        path.display()
+    )]
     Foreign {
         /// The file.
         path: PathBuf,
@@ -38,8 +41,8 @@ pub enum RecordingError {
         /// What to do.
         advice: &'static str,
     },
-    /// The file ends before its end: a copy that broke off, or a recorder that was killed. Everything
-    /// before was delivered.
+    /// The file ends before its end: a copy that broke off, or a recorder that was killed.
+    /// Everything before was delivered.
     #[error(
         "{}: the recording is cut at byte {offset}, after {scans} scans: {reason}; \
          everything before the cut was read",
@@ -55,7 +58,8 @@ pub enum RecordingError {
         /// What was found and what was expected.
         reason: String,
     },
-    /// Bytes in the middle of the file are not what they should be. Everything before was delivered.
+    /// Bytes in the middle of the file are not what they should be. Everything before was
+    /// delivered.
     #[error(
         "{}: the recording is damaged near byte {offset}, after {scans} scans: {reason}; \
          everything before was read, nothing behind it",

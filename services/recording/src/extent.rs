@@ -9,12 +9,14 @@ use protocol::scan::{LaserScan, Reading, ScanGeometry, reading};
 
 /// Width of a bin, metres: half the default cell, so that rounding to cells hides it.
 const BIN_M: f64 = 0.05;
-/// Coordinates beyond this fall into the last bin: readings end at 1000 m, lasers stand within 100 m.
+/// Coordinates beyond this fall into the last bin: readings end at 1000 m, lasers stand within 100
+/// m.
 const REACH_M: f64 = 1100.0;
 const BINS: usize = (2.0 * REACH_M / BIN_M) as usize;
 /// Share of the echoes that may lie outside, at each end of each axis: 99.5 % lie inside.
 pub const TAIL_SHARE: f64 = 0.0025;
-/// Room between the outermost echo and the edge of the area, metres: a person who leans on the wall.
+/// Room between the outermost echo and the edge of the area, metres: a person who leans on the
+/// wall.
 pub const MARGIN_M: f64 = 0.5;
 
 /// Counts of echo coordinates along x and y, in site coordinates.
@@ -39,8 +41,8 @@ pub enum ExtentError {
     NoEcho,
     /// The scans reach too far for the cell.
     #[error(
-        "the scans span {width_m:.1} m x {height_m:.1} m, which are more cells of {cell_m} m than an \
-         area may have ({} a side, {} in all): use a site file with larger cells or a smaller area",
+        "the scans span {width_m:.1} m x {height_m:.1} m, which are more cells of {cell_m} m than \
+         an area may have ({} a side, {} in all): use a site file with larger cells or a smaller area",
         GridGeometry::SIDE_MAX,
         GridGeometry::CELLS_MAX
     )]
@@ -114,8 +116,8 @@ impl Extent {
         [lasers.clone().fold(low, f64::min), lasers.fold(high, f64::max)]
     }
 
-    /// A grid of cells of `cell_m` (> 0) round the echoes and the lasers, with [`MARGIN_M`], rounded
-    /// outward to whole cells of a lattice through the site's origin.
+    /// A grid of cells of `cell_m` (> 0) round the echoes and the lasers, with [`MARGIN_M`],
+    /// rounded outward to whole cells of a lattice through the site's origin.
     ///
     /// # Errors
     /// [`ExtentError`]: no echo at all, or more cells than an area may have.
@@ -143,8 +145,8 @@ impl Extent {
     }
 }
 
-/// `cells * cell_m` as a person would write it: -32 * 0.1 is -3.2 and not -3.2000000000000002, if the
-/// cell is a whole fraction of a metre.
+/// `cells * cell_m` as a person would write it: -32 * 0.1 is -3.2 and not -3.2000000000000002, if
+/// the cell is a whole fraction of a metre.
 fn lattice_m(cells: f64, cell_m: f64) -> f64 {
     let per_metre = (1.0 / cell_m).round();
     if per_metre >= 1.0 && 1.0 / per_metre == cell_m { cells / per_metre } else { cells * cell_m }

@@ -10,12 +10,16 @@ use std::path::Path;
 pub enum Format {
     /// ROS 1 bag, version 2.0 (since 2010).
     Ros1Bag,
+    /// ROS 1 bag, version 1.2 (2009 and 2010).
+    Ros1BagV1,
     /// MCAP, as ROS 2 and tog write it.
     Mcap,
 }
 
 /// First line of a ROS 1 bag of version 2.0.
 pub(crate) const ROS1_MAGIC: &[u8] = b"#ROSBAG V2.0\n";
+/// First line of a ROS 1 bag of version 1.2.
+pub(crate) const ROS1_V1_MAGIC: &[u8] = b"#ROSRECORD V1.2\n";
 /// First bytes of an MCAP file.
 const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// Enough to find a line of a text log behind its comments.
@@ -26,8 +30,9 @@ const UNPACK_ADVICE: &str = "unpack it first and name the file that comes out";
 
 /// Foreign formats: first bytes, name, advice. The longer of two that agree comes first.
 const FOREIGN: &[(&[u8], &str, &str)] = &[
-    (b"#ROSBAG V1", "a ROS bag of version 1.x", V1_ADVICE),
-    (b"#ROSRECORD V", "a ROS bag of version 1.x", V1_ADVICE),
+    (b"#ROSRECORD V", "a ROS bag older than version 1.2", OLD_ADVICE),
+    (b"#ROSLOG V", "a ROS bag older than version 1.2", OLD_ADVICE),
+    (b"#ROSBAG V", "a ROS bag of a version other than 2.0", OLD_ADVICE),
     (b"SQLite format 3\0", "an SQLite file, perhaps a ROS 2 bag (.db3)", ROS2_ADVICE),
     (b"\x1f\x8b", "a gzip file", UNPACK_ADVICE),
     (b"\x28\xb5\x2f\xfd", "a zstd file", UNPACK_ADVICE),
@@ -37,7 +42,7 @@ const FOREIGN: &[(&[u8], &str, &str)] = &[
     (b"\xd4\xc3\xb2\xa1", "a network capture (pcap)", CAPTURE_ADVICE),
     (b"\xa1\xb2\xc3\xd4", "a network capture (pcap)", CAPTURE_ADVICE),
 ];
-const V1_ADVICE: &str = "convert it on a machine with ROS 1: `rosbag fix old.bag new.bag`";
+const OLD_ADVICE: &str = "convert it on a machine with ROS 1: `rosbag fix old.bag new.bag`";
 const CAPTURE_ADVICE: &str = "telegrams are not replayed; record the scans of the driver instead";
 const CARMEN_ADVICE: &str = "CARMEN logs are not replayed; convert it to a ROS 1 bag or to MCAP";
 const JSON_ADVICE: &str = "exported text is not replayed; name the recording it was made from";
@@ -53,6 +58,9 @@ pub(crate) fn detect(path: &Path, mut file: &File) -> Result<Format, RecordingEr
     if head.starts_with(ROS1_MAGIC) {
         return Ok(Format::Ros1Bag);
     }
+    if head.starts_with(ROS1_V1_MAGIC) {
+        return Ok(Format::Ros1BagV1);
+    }
     if head.starts_with(MCAP_MAGIC) {
         return Ok(Format::Mcap);
     }
@@ -65,7 +73,7 @@ fn foreign(head: &[u8]) -> (String, &'static str) {
     if head.is_empty() {
         return ("an empty file".to_owned(), COPY_ADVICE);
     }
-    if ROS1_MAGIC.starts_with(head) || MCAP_MAGIC.starts_with(head) {
+    if [ROS1_MAGIC, ROS1_V1_MAGIC, MCAP_MAGIC].iter().any(|magic| magic.starts_with(head)) {
         return (format!("cut after {} bytes", head.len()), COPY_ADVICE);
     }
     for (magic, name, advice) in FOREIGN {

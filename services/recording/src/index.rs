@@ -75,8 +75,8 @@ impl RecordingIndex {
     /// knowledge, the site's origin ([`Pose::default`]).
     ///
     /// # Errors
-    /// The file cannot be read, or holds no scan that can be used. A recording that is cut or damaged
-    /// behind its first scan is not an error here: see [`RecordingIndex::early_end`].
+    /// The file cannot be read, or holds no scan that can be used. A recording that is cut or
+    /// damaged behind its first scan is not an error here: see [`RecordingIndex::early_end`].
     pub fn scan(
         recording: &Recording,
         site_from_laser: impl Fn(&str) -> Pose,

@@ -1,8 +1,9 @@
 //! `sensor_msgs/LaserScan`, as ROS 1 and ROS 2 put it on the wire, to a scan.
 //!
 //! Fields in order: header (ROS 1: `seq`; stamp as seconds and nanoseconds; `frame_id`), angle_min,
-//! angle_max, angle_increment, time_increment, scan_time, range_min, range_max, ranges, intensities.
-//! The floats have 32 bits and become f64 without a rounding. Ranges stay as they are, NaN included.
+//! angle_max, angle_increment, time_increment, scan_time, range_min, range_max, ranges,
+//! intensities. The floats have 32 bits and become f64 without a rounding. Ranges stay as they are,
+//! NaN included.
 
 use crate::cursor::Cursor;
 use protocol::scan::{BEAMS_MAX, LaserScan, ScanGeometry};
@@ -17,6 +18,8 @@ pub(crate) enum Wire {
     Cdr,
 }
 
+/// Name of the message in ROS 1.
+pub(crate) const ROS1_TYPE: &str = "sensor_msgs/LaserScan";
 /// MD5 of the definition of `sensor_msgs/LaserScan` in ROS 1: names the layout.
 pub(crate) const ROS1_MD5: &str = "90c7ef2dc6895d81024acba2ac42f369";
 
@@ -24,7 +27,8 @@ pub(crate) const ROS1_MD5: &str = "90c7ef2dc6895d81024acba2ac42f369";
 /// the rest is for a long `frame_id`. Longer messages are refused before they are read.
 pub(crate) const MESSAGE_BYTES_MAX: usize = BEAMS_MAX * 8 + 32 * 1024;
 
-/// Reads one message. A stamp of 0 means "not set" in ROS; then the scan is stamped with `log_time_ns`.
+/// Reads one message. A stamp of 0 means "not set" in ROS; then the scan is stamped with
+/// `log_time_ns`.
 ///
 /// # Errors
 /// What was found and what was expected.

@@ -1,9 +1,9 @@
 //! Container of MCAP files (mcap.dev/spec), read from front to back by the crate `mcap`.
 //!
-//! A scan is a message in CDR of the schema `sensor_msgs/msg/LaserScan`, as ROS 2 and tog write it, or
-//! a ROS 1 message of the schema `sensor_msgs/LaserScan` in a converted bag.
+//! A scan is a message in CDR of the schema `sensor_msgs/msg/LaserScan`, as ROS 2 and tog write it,
+//! or a ROS 1 message of the schema `sensor_msgs/LaserScan` in a converted bag.
 
-use crate::laser_scan::Wire;
+use crate::laser_scan::{ROS1_TYPE, Wire};
 use crate::section::Section;
 use crate::stream::{Channels, Raw, StreamEnd};
 use mcap::McapError;
@@ -16,8 +16,8 @@ use std::io::{self, BufReader, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Longest record outside of a chunk, and the share of a packed chunk that is held: chunks are a few
-/// MiB (4 MiB is the largest preset of rosbag2), attachments may be some tens.
+/// Longest record outside of a chunk, and the share of a packed chunk that is held: chunks are a
+/// few MiB (4 MiB is the largest preset of rosbag2), attachments may be some tens.
 const RECORD_BYTES_MAX: usize = 64 << 20;
 
 /// An MCAP file, front to back.
@@ -73,8 +73,16 @@ impl McapReader {
                 Some(Ok(message)) => message,
                 Some(Err(error)) => return Err(self.end(error)),
             };
-            let known = self.channels.entry(message.channel.id);
-            let scans = *known.or_insert_with(|| classify(&message.channel, channels));
+            let id = message.channel.id;
+            let scans = match self.channels.get(&id) {
+                Some(known) => *known,
+                None => {
+                    let offset = self.position();
+                    let scans = classify(&message.channel, channels)
+                        .map_err(|reason| StreamEnd::Damaged { offset, reason })?;
+                    *self.channels.entry(id).or_insert(scans)
+                }
+            };
             let Some(scans) = scans else { continue };
             raw.log_time_ns = message.log_time;
             let length = message.data.len() as u64;
@@ -109,15 +117,18 @@ pub(crate) fn words(error: &McapError) -> String {
     }
 }
 
-fn classify(channel: &mcap::Channel<'_>, channels: &mut Channels) -> Option<(usize, Wire)> {
+fn classify(
+    channel: &mcap::Channel<'_>,
+    channels: &mut Channels,
+) -> Result<Option<(usize, Wire)>, String> {
     let schema = channel.schema.as_ref().map_or("no schema", |schema| schema.name.as_str());
     let wire = match (schema, channel.message_encoding.as_str()) {
         ("sensor_msgs/msg/LaserScan", "cdr") => Wire::Cdr,
-        ("sensor_msgs/LaserScan" | "sensor_msgs/msg/LaserScan", "ros1") => Wire::Ros1,
+        (ROS1_TYPE | "sensor_msgs/msg/LaserScan", "ros1") => Wire::Ros1,
         (schema, encoding) => {
-            channels.other(&channel.topic, format!("{schema} in {encoding}"));
-            return None;
+            channels.other(&channel.topic, format!("{schema} in {encoding}"))?;
+            return Ok(None);
         }
     };
-    Some((channels.scan_topic(&channel.topic), wire))
+    Ok(Some((channels.scan_topic(&channel.topic)?, wire)))
 }

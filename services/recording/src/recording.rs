@@ -1,6 +1,7 @@
 //! A recording and the stream of its scans.
 
 use crate::bag::BagReader;
+use crate::bag_v1::BagV1Reader;
 use crate::error::RecordingError;
 use crate::format::{Format, detect};
 use crate::laser_scan::{Wire, decode};
@@ -26,7 +27,8 @@ impl Recording {
     /// Opens a recording; the format is told by the content.
     ///
     /// # Errors
-    /// [`RecordingError::Io`] (missing, no permission), `Directory`, or `Foreign` with what the file is.
+    /// [`RecordingError::Io`] (missing, no permission), `Directory`, or `Foreign` with what the
+    /// file is.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
         let path = path.as_ref();
         let io = |source| RecordingError::Io { path: path.to_owned(), action: "open", source };
@@ -64,12 +66,13 @@ impl Recording {
         self.length
     }
 
-    /// Picks the topic of one laser: the one that is named, or the only one with scans. A named topic
-    /// is looked for up to its first message; without a name the whole file is looked through.
+    /// Picks the topic of one laser: the one that is named, or the only one with scans. A named
+    /// topic is looked for up to its first message; without a name the whole file is looked
+    /// through.
     ///
     /// # Errors
-    /// No scans at all, no such topic, or several and none was named; the error lists what is there. A
-    /// cut or damaged recording is an error only if nothing was found before.
+    /// No scans at all, no such topic, or several and none was named; the error lists what is
+    /// there. A cut or damaged recording is an error only if nothing was found before.
     pub fn select_topic(&self, name: Option<&str>) -> Result<Arc<str>, RecordingError> {
         let mut scans = self.scans();
         let mut found: Vec<Arc<str>> = Vec::new();
@@ -110,6 +113,7 @@ impl Recording {
     pub fn scans(&self) -> Scans {
         let reader = match self.format {
             Format::Ros1Bag => Reader::Bag(BagReader::new(self.file.clone(), self.length)),
+            Format::Ros1BagV1 => Reader::BagV1(BagV1Reader::new(self.file.clone(), self.length)),
             Format::Mcap => Reader::Mcap(Box::new(McapReader::new(self.file.clone(), self.length))),
         };
         Scans {
@@ -148,11 +152,12 @@ pub struct RecordedScan {
 
 enum Reader {
     Bag(BagReader),
+    BagV1(BagV1Reader),
     Mcap(Box<McapReader>),
 }
 
-/// The scans of a recording: an iterator that ends at the end of the file, or behind the first error
-/// for which [`RecordingError::ends_the_stream`] holds.
+/// The scans of a recording: an iterator that ends at the end of the file, or behind the first
+/// error for which [`RecordingError::ends_the_stream`] holds.
 pub struct Scans {
     path: PathBuf,
     reader: Reader,
@@ -184,6 +189,7 @@ impl Scans {
     pub fn position_bytes(&self) -> u64 {
         match &self.reader {
             Reader::Bag(reader) => reader.position(),
+            Reader::BagV1(reader) => reader.position(),
             Reader::Mcap(reader) => reader.position(),
         }
     }
@@ -209,11 +215,12 @@ impl Scans {
 
     /// The next message of a scan topic, left in `raw`: index of its topic and its encoding.
     fn read_raw(&mut self) -> Result<Option<(usize, Wire)>, RecordingError> {
+        let (channels, raw) = (&mut self.channels, &mut self.raw);
+        let ros1 = |topic: Option<usize>| topic.map(|topic| (topic, Wire::Ros1));
         let next = match &mut self.reader {
-            Reader::Bag(reader) => reader
-                .next(&mut self.channels, &mut self.raw)
-                .map(|topic| topic.map(|topic| (topic, Wire::Ros1))),
-            Reader::Mcap(reader) => reader.next(&mut self.channels, &mut self.raw),
+            Reader::Bag(reader) => reader.next(channels, raw).map(ros1),
+            Reader::BagV1(reader) => reader.next(channels, raw).map(ros1),
+            Reader::Mcap(reader) => reader.next(channels, raw),
         };
         self.is_over = !matches!(next, Ok(Some(_)));
         next.map_err(|end| self.end(end))

@@ -1,9 +1,16 @@
-//! What the two containers have in common: the topics met so far, a message, an end.
+//! What the containers have in common: the topics met so far, a message, an end.
 
-use crate::laser_scan::MESSAGE_BYTES_MAX;
+use crate::laser_scan::{MESSAGE_BYTES_MAX, ROS1_MD5, ROS1_TYPE};
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::sync::Arc;
+
+/// Most topics with scans: as many lasers as a site file may have. Every one costs its own counts.
+const SCAN_TOPICS_MAX: usize = protocol::site::LASERS_MAX;
+/// Longest name of a topic or a type: file systems stop at 255 bytes, namespaces may be nested.
+const NAME_BYTES_MAX: usize = 4096;
+/// Hexadecimal digits of an MD5; "*" stands for any.
+const MD5_CHARS: usize = 32;
 
 /// The topics of a recording, as far as it was read.
 #[derive(Debug, Default, Clone)]
@@ -16,18 +23,65 @@ pub(crate) struct Channels {
 
 impl Channels {
     /// Index of a scan topic, which is noted if it is new.
-    pub fn scan_topic(&mut self, name: &str) -> usize {
+    ///
+    /// # Errors
+    /// A name that is too long, or more scan topics than a recording may have.
+    pub fn scan_topic(&mut self, name: &str) -> Result<usize, String> {
         let known = self.scan_topics.iter().position(|topic| &**topic == name);
-        known.unwrap_or_else(|| {
-            self.scan_topics.push(name.into());
-            self.scan_topics.len() - 1
-        })
+        if let Some(index) = known {
+            return Ok(index);
+        }
+        check_name(name)?;
+        if self.scan_topics.len() >= SCAN_TOPICS_MAX {
+            return Err(format!("scans on more than {SCAN_TOPICS_MAX} topics"));
+        }
+        self.scan_topics.push(name.into());
+        Ok(self.scan_topics.len() - 1)
     }
 
     /// Notes a topic that has no scans.
-    pub fn other(&mut self, name: &str, message_type: String) {
+    ///
+    /// # Errors
+    /// A name that is too long.
+    pub fn other(&mut self, name: &str, message_type: String) -> Result<(), String> {
+        check_name(name)?;
+        check_name(&message_type)?;
         self.others.insert(name.to_owned(), message_type);
+        Ok(())
     }
+
+    /// Notes a topic of a ROS 1 bag by the type of its messages and the MD5 of their definition:
+    /// index of the scan topic, or `None` for other messages.
+    ///
+    /// # Errors
+    /// As [`Channels::scan_topic`], or an MD5 that is none.
+    pub fn ros1_topic(
+        &mut self,
+        name: &[u8],
+        message_type: &[u8],
+        md5: &[u8],
+    ) -> Result<Option<usize>, String> {
+        if md5.len() > MD5_CHARS {
+            return Err(format!("an MD5 of {} characters, expected {MD5_CHARS}", md5.len()));
+        }
+        let name = String::from_utf8_lossy(name);
+        if message_type != ROS1_TYPE.as_bytes() {
+            let message_type = String::from_utf8_lossy(message_type).into_owned();
+            self.other(&name, message_type).map(|()| None)
+        } else if md5 == ROS1_MD5.as_bytes() || md5 == b"*" {
+            self.scan_topic(&name).map(Some)
+        } else {
+            self.other(&name, format!("{ROS1_TYPE} of another definition")).map(|()| None)
+        }
+    }
+}
+
+fn check_name(name: &str) -> Result<(), String> {
+    let length = name.len();
+    if length > NAME_BYTES_MAX {
+        return Err(format!("a name of {length} bytes, expected at most {NAME_BYTES_MAX}"));
+    }
+    Ok(())
 }
 
 /// A message of a scan topic, not decoded.
@@ -42,15 +96,16 @@ pub(crate) struct Raw {
 }
 
 impl Raw {
-    /// Reads a message of `length` bytes, or nothing if it is longer than any scan.
-    pub fn read(&mut self, reader: &mut impl Read, length: u64) -> io::Result<()> {
+    /// Reads a message of `length` bytes, or nothing if it is longer than any scan; how many were
+    /// read.
+    pub fn read(&mut self, reader: &mut impl Read, length: u64) -> io::Result<u64> {
         self.bytes.clear();
         self.length = length;
         if length <= MESSAGE_BYTES_MAX as u64 {
             self.bytes.resize(length as usize, 0);
             reader.read_exact(&mut self.bytes)?;
         }
-        Ok(())
+        Ok(self.bytes.len() as u64)
     }
 
     /// True if the message was longer than any scan.

@@ -1,9 +1,9 @@
 //! Writes scans as a ROS 2 recording: MCAP, profile `ros2`, CDR, `sensor_msgs/msg/LaserScan`.
 //!
 //! One encoding a file, so that every ROS tool opens it. Chunks of 768 KiB, zstd, all indexes and
-//! checksums, on the thread of the caller. A chunk is closed every second of log time, so that a crash
-//! loses a second at most. The file is called `<name>.active` until [`ScanWriter::finish`] has put it
-//! on the disk: what has its final name is complete.
+//! checksums, on the thread of the caller. A chunk is closed every second of log time, so that a
+//! crash loses a second at most. The file is called `<name>.active` until [`ScanWriter::finish`]
+//! has put it on the disk: what has its final name is complete.
 //!
 //! A recording has f32 geometry and no device clock: see [`as_recorded`].
 

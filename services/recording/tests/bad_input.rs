@@ -1,9 +1,12 @@
-//! Whatever the file holds: clear words, never a panic, never a loop, and every scan before the fault.
+//! Whatever the file holds: clear words, never a panic, never a loop, and every scan before the
+//! fault.
 #![allow(clippy::unwrap_used)]
 
 mod common;
 
-use common::{Fields, bag, chunk, connection, file, mcap, message, scan_bag};
+use common::{
+    Fields, MD5, bag, bag_v1, chunk, connection, file, mcap, message, scan_bag, scan_bag_v1,
+};
 use proptest::prelude::*;
 use protocol::geometry::Pose;
 use recording::{RecordedScan, Recording, RecordingError, RecordingIndex};
@@ -38,7 +41,8 @@ fn refusal(bad: &Fields) -> String {
     let as_bag = scan_bag(&[good.ros1(), bad.ros1(), good.ros1()], "none");
     let cdr = [good.cdr_big_endian(), bad.cdr_big_endian(), good.cdr_big_endian()];
     let as_mcap = mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr);
-    let texts = [as_bag, as_mcap].map(|bytes| {
+    let as_old_bag = scan_bag_v1(&[good.ros1(), bad.ros1(), good.ros1()]);
+    let texts = [as_bag, as_mcap, as_old_bag].map(|bytes| {
         let (scans, errors) = read(&bytes);
         let numbers: Vec<u64> = scans.iter().map(|found| found.number).collect();
         assert_eq!(numbers, [1, 3], "reading goes on behind a bad message");
@@ -47,15 +51,17 @@ fn refusal(bad: &Fields) -> String {
         let text = errors[0].to_string();
         text[text.find("message 2").unwrap()..].to_owned()
     });
-    assert_eq!(texts[0], texts[1], "both containers say the same");
+    assert!(texts.iter().all(|text| *text == texts[0]), "all containers say the same: {texts:?}");
     texts[0].clone()
 }
 
 #[test]
 fn foreign_files_are_named_with_what_to_do() {
-    let cases: [(&[u8], &str, &str); 8] = [
-        (b"#ROSBAG V1.2\n", "version 1.x", "rosbag fix"),
-        (b"#ROSRECORD V1.1\n", "version 1.x", "rosbag fix"),
+    let cases: [(&[u8], &str, &str); 10] = [
+        (b"#ROSBAG V2.1\n", "version other than 2.0", "rosbag fix"),
+        (b"#ROSRECORD V1.1\n", "older than version 1.2", "rosbag fix"),
+        (b"#ROSLOG V1.1\n", "older than version 1.2", "rosbag fix"),
+        (b"#ROSRECORD V1.", "cut after 14 bytes", "copied completely"),
         (b"SQLite format 3\0....", "ROS 2 bag (.db3)", "ros2 bag convert"),
         (b"\x0a\x0d\x0d\x0a\x1c\0\0\0", "pcapng", "record the scans"),
         (b"\x1f\x8b\x08", "gzip", "unpack it"),
@@ -88,7 +94,7 @@ fn a_missing_file_a_directory_a_device_and_a_pipe_are_told() {
 fn a_recording_without_scans_says_what_it_holds() {
     let empty = index_error(&bag(&[], &[]));
     assert!(empty.contains("holds no laser scans: it is empty"), "{empty}");
-    let odometry = connection(3, "/odom", "nav_msgs/Odometry", common::MD5);
+    let odometry = connection(3, "/odom", "nav_msgs/Odometry", MD5);
     let records = [odometry.clone(), message(3, 1, b"body")];
     let other = index_error(&bag(&[chunk(&records, "none")], &[odometry]));
     assert!(other.contains("/odom (nav_msgs/Odometry)"), "{other}");
@@ -159,6 +165,47 @@ fn an_unknown_compression_and_an_unknown_connection_are_damage() {
     assert!(errors[0].to_string().contains("unknown connection 9"), "{}", errors[0]);
 }
 
+#[test]
+fn a_bag_of_version_1_2_says_what_is_wrong_with_it() {
+    let whole = scan_bag_v1(&[Fields::default().ros1()]);
+    let place = |text: &[u8]| whole.windows(text.len()).position(|at| at == text).unwrap();
+    let with = |at: usize, new: &[u8]| {
+        let mut bytes = whole.clone();
+        bytes[at..at + new.len()].copy_from_slice(new);
+        let (scans, errors) = read(&bytes);
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        (scans.len(), errors[0].is_cut(), errors[0].to_string())
+    };
+    let (scans, is_cut, text) = with(place(b"index_pos=") + 10, &[0; 8]);
+    assert!(scans == 1 && is_cut && text.contains("never closed"), "{text}");
+    let (scans, is_cut, text) = with(place(b"count=") + 6, &[0; 4]);
+    assert!(scans == 1 && is_cut && text.contains("counts 1 messages, expected 2"), "{text}");
+    let (_, is_cut, text) = with(place(b"op=\x01") + 3, &[5]);
+    assert!(!is_cut && text.contains("record kind 5"), "{text}");
+    let (_, is_cut, text) = with(place(b"sec="), b"cos=");
+    assert!(!is_cut && text.contains("without the field"), "{text}");
+    let (_, is_cut, text) = with(16, &[0xff; 4]);
+    assert!(!is_cut && text.contains("header of 4294967295 bytes"), "{text}");
+}
+
+#[test]
+fn more_topics_than_a_site_has_lasers_and_names_without_end_are_damage() {
+    fn scan(topic: &str) -> (&str, &str, &str, Vec<u8>) {
+        (topic, "sensor_msgs/LaserScan", MD5, Fields::default().ros1())
+    }
+    let names: Vec<String> = (0..257).map(|number| format!("scan_{number}")).collect();
+    let messages: Vec<_> = names.iter().map(|name| scan(name)).collect();
+    let (scans, errors) = read(&bag_v1(&messages, true));
+    assert_eq!((scans.len(), errors.len()), (256, 1));
+    assert!(errors[0].to_string().contains("scans on more than 256 topics"), "{}", errors[0]);
+    let long = "n".repeat(5000);
+    let in_chunk = [connection(0, &long, "std_msgs/String", MD5)];
+    for bytes in [bag_v1(&[scan(&long)], true), bag(&[chunk(&in_chunk, "none")], &[])] {
+        let (_, errors) = read(&bytes);
+        assert!(errors[0].to_string().contains("a name of 5000 bytes"), "{}", errors[0]);
+    }
+}
+
 /// What makes a scan, NaN ranges included.
 fn bits(scans: &[RecordedScan]) -> Vec<(u64, u64, Vec<u32>)> {
     let ranges = |found: &RecordedScan| found.scan.ranges_m.iter().map(|r| r.to_bits()).collect();
@@ -188,16 +235,22 @@ fn a_recording_cut_anywhere_gives_what_was_before() {
     for compression in ["none", "bz2", "lz4"] {
         check_cuts(&scan_bag(&scans, compression), 5, 13);
     }
+    check_cuts(&scan_bag_v1(&scans[..3]), 1, 16);
     let cdr = vec![Fields::default().cdr_big_endian(); 20];
     check_cuts(&mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr), 5, 8);
 }
 
 #[test]
 fn a_real_bag_cut_anywhere_gives_what_was_before() {
-    for name in ["leigh_leg_tracker/positive_2.bag", "datmo/82c2bc_two_robots.bag"] {
+    let names = [
+        "leigh_leg_tracker/positive_2.bag",
+        "datmo/82c2bc_two_robots.bag",
+        "scan_tools/laser_scan_splitter_demo.bag",
+    ];
+    for name in names {
         let Some(path) = common::shared(name) else { return };
         let bytes = std::fs::read(path).unwrap();
-        check_cuts(&bytes, bytes.len() / 23, 13);
+        check_cuts(&bytes, bytes.len() / 23, 16);
     }
 }
 
@@ -207,7 +260,7 @@ proptest! {
     #[test]
     fn a_recording_with_wrong_bytes_is_read_or_refused(
         wrong in prop::collection::vec((0.0..1.0_f64, any::<u8>()), 1..6),
-        compression in prop::sample::select(vec!["none", "bz2", "lz4", "mcap"]),
+        compression in prop::sample::select(vec!["none", "bz2", "lz4", "1.2", "mcap"]),
     ) {
         let bodies = |body: Vec<u8>| vec![body; 8];
         let mut bytes = match compression {
@@ -215,6 +268,7 @@ proptest! {
                 let cdr = bodies(Fields::default().cdr_big_endian());
                 mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr)
             }
+            "1.2" => scan_bag_v1(&bodies(Fields::default().ros1())),
             _ => scan_bag(&bodies(Fields::default().ros1()), compression),
         };
         for (place, byte) in wrong {
@@ -228,7 +282,7 @@ proptest! {
 
     #[test]
     fn any_bytes_behind_a_magic_are_refused(tail in prop::collection::vec(any::<u8>(), 0..300)) {
-        for magic in [&b"#ROSBAG V2.0\n"[..], b"\x89MCAP0\r\n"] {
+        for magic in [&b"#ROSBAG V2.0\n"[..], b"#ROSRECORD V1.2\n", b"\x89MCAP0\r\n"] {
             let (scans, errors) = read(&[magic, &tail].concat());
             prop_assert!(scans.is_empty());
             prop_assert_eq!(errors.len(), 1);

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Fields, file, mcap, scan_bag, shared};
+use common::{Fields, MD5, bag_v1, file, mcap, scan_bag, scan_bag_v1, shared};
 use proptest::prelude::*;
 use protocol::geometry::Pose;
 use protocol::scan::{LaserScan, ScanGeometry};
@@ -44,6 +44,62 @@ fn a_scan_keeps_its_stamp_its_geometry_and_every_bit_of_its_ranges() {
 }
 
 #[test]
+fn a_bag_of_version_1_2_is_read_bit_by_bit_among_other_topics() {
+    let ranges = vec![1.25, f32::INFINITY, f32::from_bits(0x7fc0_1234), -0.0];
+    let fields = Fields { stamp: (1_700_000_001, 999_999_999), ranges, ..Fields::default() };
+    let (_directory, path) = file(&scan_bag_v1(&[fields.ros1(), fields.ros1()]));
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.format(), Format::Ros1BagV1);
+    let mut scans = recording.scans();
+    let found: Vec<_> = scans.by_ref().map(Result::unwrap).collect();
+    let times: Vec<u64> = found.iter().map(|found| found.log_time_ns).collect();
+    assert_eq!(times, [1_700_000_000_000_000_007, 1_700_000_002_000_000_007]);
+    let other = (&"odom".to_owned(), &"nav_msgs/Odometry".to_owned());
+    assert_eq!(scans.other_topics().iter().next(), Some(other));
+    assert_eq!(scans.position_bytes(), recording.bytes());
+    for found in found {
+        assert_eq!((&*found.topic, found.scan.stamp_ns), ("/scan", 1_700_000_001_999_999_999));
+        assert_eq!(found.scan.geometry.range_max_m, 8.0);
+        let bits = |ranges: &[f32]| ranges.iter().map(|r| r.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&found.scan.ranges_m), bits(&fields.ranges));
+    }
+}
+
+#[test]
+fn a_bag_of_version_1_2_without_an_index_is_complete_where_a_record_ends() {
+    let scan = |topic| (topic, "sensor_msgs/LaserScan", MD5, Fields::default().ros1());
+    let (_directory, path) = file(&bag_v1(&[scan("a"), scan("b"), scan("a")], false));
+    let topics: Vec<(usize, u64)> = (Recording::open(&path).unwrap().scans().map(Result::unwrap))
+        .map(|found| (found.topic_index, found.number))
+        .collect();
+    assert_eq!(topics, [(0, 1), (1, 1), (0, 2)]);
+}
+
+#[test]
+fn the_real_bag_of_version_1_2_has_the_numbers_that_its_bytes_have() {
+    let Some(path) = shared("scan_tools/laser_scan_splitter_demo.bag") else { return };
+    let found: Vec<_> = Recording::open(&path).unwrap().scans().map(Result::unwrap).collect();
+    // As a few lines of Python with `struct` read the bytes: first and last message, sum of all
+    // bits.
+    let times = |at: usize| (found[at].log_time_ns, found[at].scan.stamp_ns);
+    assert_eq!(times(0), (1_275_168_820_015_344_000, 1_275_168_819_941_886_500));
+    assert_eq!(times(122), (1_275_168_832_182_361_000, 1_275_168_832_110_014_500));
+    let geometry = ScanGeometry {
+        angle_min_rad: -1.5707963705062866,
+        angle_increment_rad: 0.006135923322290182,
+        range_min_m: 0.019999999552965164,
+        range_max_m: 5.599999904632568,
+    };
+    assert!(found.iter().all(|found| found.scan.geometry == geometry));
+    assert!(found.iter().all(|found| found.scan.ranges_m.len() == 512));
+    let readings = found.iter().flat_map(|found| &found.scan.ranges_m);
+    assert_eq!(
+        readings.map(|range_m| u64::from(range_m.to_bits())).sum::<u64>(),
+        65_889_628_925_290
+    );
+}
+
+#[test]
 fn a_stamp_that_is_not_set_is_the_time_of_the_recorder() {
     let bytes = scan_bag(&[Fields { stamp: (0, 0), ..Fields::default() }.ros1()], "none");
     let (_directory, path) = file(&bytes);
@@ -74,9 +130,10 @@ fn the_index_counts_gaps_disorder_and_changes_of_geometry() {
 
 #[test]
 fn every_real_bag_is_read_to_its_end() {
-    // Counts as the independent reader `rosbags` has them (tests/independent); the last bag has an
-    // index that `rosbags` refuses: 360 message records were counted in its bytes.
-    let expected: [(&str, &[(&str, u64)]); 10] = [
+    // Counts as the independent reader `rosbags` has them (tests/independent); the matcher's bag
+    // has an index that `rosbags` refuses, the splitter's is of version 1.2: their records were
+    // counted.
+    let expected: [(&str, &[(&str, u64)]); 11] = [
         ("datmo/82c2bc_two_robots.bag", &[("/scan", 388)]),
         ("leigh_leg_tracker/demo_stationary_simple_environment.bag", &[("/scan", 1265)]),
         (
@@ -89,6 +146,7 @@ fn every_real_bag_is_read_to_its_end() {
         ("leigh_leg_tracker/positive_5.bag", &[("right_scan", 296)]),
         ("tysik_two_laser/scans_demo.bag", &[("/front_scan", 331), ("/rear_scan", 330)]),
         ("scan_tools/laser_scan_matcher_demo.bag", &[("/scan", 360)]),
+        ("scan_tools/laser_scan_splitter_demo.bag", &[("scan", 123)]),
         ("sick_cola/empty_ros1.bag", &[]),
     ];
     for (name, topics) in expected {
@@ -169,7 +227,11 @@ proptest! {
     #[test]
     fn what_is_written_is_read(
         scans in prop::collection::vec(
-            (0_u64..2_000_000_000_000_000_000, prop::collection::vec(any::<f32>(), 1..50), 0_usize..2),
+            (
+                0_u64..2_000_000_000_000_000_000,
+                prop::collection::vec(any::<f32>(), 1..50),
+                0_usize..2,
+            ),
             1..30,
         ),
     ) {

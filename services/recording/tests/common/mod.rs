@@ -160,6 +160,63 @@ pub fn scan_bag(bodies: &[Vec<u8>], compression: &str) -> Vec<u8> {
     bag(&[chunk(&records, compression)], &[scans])
 }
 
+/// A bag of version 1.2: `(topic, type, MD5, body)` by message, their definitions and their
+/// indexes. `is_indexed`: with a header and an index, as recorders from ROS 0.11 on.
+pub fn bag_v1(messages: &[(&str, &str, &str, Vec<u8>)], is_indexed: bool) -> Vec<u8> {
+    const MAGIC: &[u8] = b"#ROSRECORD V1.2\n";
+    let header = |index_pos: u64| {
+        record(&[("index_pos", &index_pos.to_le_bytes()), ("op", &[3])], &[b' '; 50])
+    };
+    let mut records = Vec::new();
+    let mut index = std::collections::BTreeMap::<&str, Vec<u8>>::new();
+    for (number, (topic, message_type, md5, body)) in messages.iter().enumerate() {
+        let is_new = !index.contains_key(topic);
+        let [topic_bytes, md5, kind] = [topic, md5, message_type].map(|text| text.as_bytes());
+        if is_new {
+            let definition = [
+                ("def", &b"float32 x"[..]),
+                ("md5", md5),
+                ("op", &[1]),
+                ("topic", topic_bytes),
+                ("type", kind),
+            ];
+            records.extend(record(&definition, &[]));
+        }
+        let (sec, nsec) = ((1_700_000_000 + number as u32).to_le_bytes(), 7_u32.to_le_bytes());
+        let entry = index.entry(*topic).or_default();
+        entry.extend([sec, nsec, [1; 4], [0; 4]].concat());
+        let fields = [
+            ("md5", md5),
+            ("nsec", &nsec),
+            ("op", &[2]),
+            ("sec", &sec),
+            ("topic", topic_bytes),
+            ("type", kind),
+        ];
+        records.extend(record(&fields, body));
+    }
+    if !is_indexed {
+        return [MAGIC, &records].concat();
+    }
+    let index_pos = (MAGIC.len() + header(0).len() + records.len()) as u64;
+    for (topic, entries) in index {
+        let count = (entries.len() as u32 / 16).to_le_bytes();
+        let (topic, ver) = (topic.as_bytes(), [0; 4]);
+        let fields = [("count", &count[..]), ("op", &[4]), ("topic", topic), ("ver", &ver)];
+        records.extend(record(&fields, &entries));
+    }
+    [MAGIC, &header(index_pos), &records].concat()
+}
+
+/// A bag of version 1.2 with scans on `/scan` and, in between, messages of another type.
+pub fn scan_bag_v1(bodies: &[Vec<u8>]) -> Vec<u8> {
+    let other = ("odom", "nav_msgs/Odometry", MD5, vec![9; 40]);
+    let messages: Vec<_> = (bodies.iter())
+        .flat_map(|body| [("/scan", "sensor_msgs/LaserScan", MD5, body.clone()), other.clone()])
+        .collect();
+    bag_v1(&messages, true)
+}
+
 /// An MCAP file with one channel.
 pub fn mcap(schema: &str, encoding: &str, bodies: &[Vec<u8>]) -> Vec<u8> {
     let options = mcap::WriteOptions::new().compression_threads(0);
