@@ -34,6 +34,7 @@ mod flip_log;
 mod fuse;
 mod history;
 mod prototype;
+mod readout;
 pub mod sensor_model;
 mod temporal_grid;
 mod votes;
