@@ -28,7 +28,7 @@ fn main() {
         let frame = ClassFrame { number, lasers_present: 1, context: 0, classes };
         watch.handle(&frame, &mut changes);
     };
-    for _ in 0..12_100 {
+    for _ in 0..12_400 {
         feed(&mut watch, &classes);
     }
     println!("{}", watch.phase().words());
