@@ -5,9 +5,11 @@
 //! would. Whatever happens, panics included, nothing of a site outlives its [`Site`].
 
 mod process;
+mod random;
 mod running;
 
 pub use process::{kill, processes_of, shared_memory};
+pub use random::Random;
 pub use running::{Lines, Running};
 
 use rustix::process::Signal;

@@ -1,5 +1,7 @@
 //! Faults: whatever is killed, stopped, full or left over, the site goes on, or says why not.
 
+mod hang;
+mod kills;
 mod life;
 
 /// Two lasers of a small room, one area, everything else as it is by default.
@@ -15,6 +17,7 @@ cell_m = 0.1
 columns = 110
 rows = 100
 checkpoint_s = 1
+timescales_s = [1, 2, 4]   # known, and counted, within seconds
 
 [[laser]]
 id = "south"
