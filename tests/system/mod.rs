@@ -1,5 +1,8 @@
 //! Faults: whatever is killed, stopped, full or left over, the site goes on, or says why not.
 
+mod disk;
+mod events;
+mod feed;
 mod hang;
 mod kills;
 mod life;
