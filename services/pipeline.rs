@@ -44,7 +44,8 @@ impl Pipeline {
     pub fn run_frames(&mut self, changes: &mut Vec<EventChange>, mut step: impl FnMut(u64, &[u8])) {
         while let Some(frame) = self.fusion.next_frame(None) {
             let context = self.mapper.context_of(frame.number);
-            self.mapper.frame(frame.view(), |number, grid| step(number, grid.classes()));
+            let changed = Some(frame.changed_cells);
+            self.mapper.frame(frame.view(), changed, |number, grid| step(number, grid.classes()));
             let class_frame = ClassFrame {
                 number: frame.number,
                 lasers_present: frame.lasers_present,

@@ -47,7 +47,6 @@ pub mod feed;
 pub mod intake;
 pub mod journal;
 pub mod keeper;
-mod latency;
 pub mod list;
 mod run;
 #[cfg(test)]

@@ -4,10 +4,9 @@
 use crate::feed::FeedSocket;
 use crate::journal::{JOURNAL_FILE, JournalError};
 use crate::keeper::{Keeper, Now, Report};
-use crate::latency::Latencies;
 use crate::words;
 use jiff::tz::TimeZone;
-use process::{Failure, Publisher, Subscriber, Worker, monotonic_ns, wall_ns};
+use process::{Failure, Latencies, Publisher, Subscriber, Worker, monotonic_ns, wall_ns};
 use protocol::codec;
 use protocol::event::{EventAcknowledgement, EventChange, EventHeader};
 use protocol::health::ServiceState;

@@ -1,12 +1,13 @@
 //! The process of an area: class maps from shared memory, files, events to the journal.
 //!
-//! Order of a change: core -> outbox on disk (synced) -> event topic -> journal -> acknowledgement.
-//! Nothing is told before it is on disk, unless the disk fails: then it is told all the same, and
-//! health says so.
+//! Order of a change: core -> outbox file -> event topic -> outbox synced; journal -> acknowledgement.
+//! Written before it is told, so that a killed process neither forgets nor doubles it; synced after,
+//! because a disk takes milliseconds and the journal, which syncs before it tells anybody, is what a dead
+//! machine is asked. If the disk fails a change is told all the same, and health says so.
 
 use crate::store::{OutboxFile, load_normal, save_normal};
 use crate::watch::{ClassFrame, Phase, Watch};
-use process::{Failure, Publisher, Sample, Subscriber, Worker, monotonic_ns, wall_ns};
+use process::{Failure, Latencies, Publisher, Sample, Subscriber, Worker, monotonic_ns, wall_ns};
 use protocol::codec::{decode, encode};
 use protocol::event::{EventAcknowledgement, EventChange, EventHeader};
 use protocol::grid::{ClassMapHeader, CollapsedMapHeader};
@@ -56,6 +57,8 @@ struct Service {
     acknowledgements: Subscriber<BytesHeader, u8>,
     events: Publisher<EventHeader, u8>,
     changes: Vec<EventChange>,
+    latencies: Latencies,
+    percentiles_mono_ns: u64,
     session: Option<u64>,
     phase: Phase,
     ended: bool,
@@ -107,6 +110,8 @@ impl Service {
             watch,
             outbox,
             changes: Vec::new(),
+            latencies: Latencies::default(),
+            percentiles_mono_ns: now_ns,
             session: None,
             ended: false,
             dirty: false,
@@ -165,6 +170,7 @@ impl Service {
             classes: map.payload(),
         };
         self.watch.handle(&frame, &mut self.changes);
+        self.latencies.observe(header.completed_by_mono_ns, monotonic_ns());
         self.publish(worker, header.completed_by_mono_ns);
         if self.watch.phase() != self.phase {
             self.phase = self.watch.phase();
@@ -173,17 +179,18 @@ impl Service {
         self.say();
     }
 
-    /// Writes down, then tells.
+    /// Writes down, tells, then syncs.
     fn publish(&mut self, worker: &mut Worker, completed_by_mono_ns: u64) {
         if self.changes.is_empty() {
             return;
         }
         let written = self.outbox.append(&self.changes);
-        worker.health.set_fault("outbox_storage", written.err());
         for change in &self.changes {
             tracing::debug!(id = change.id, state = ?change.state, "{}", change.text);
             send(&mut self.events, change, completed_by_mono_ns);
         }
+        let stored = written.and(self.outbox.sync());
+        worker.health.set_fault("outbox_storage", stored.err());
         worker.health.count("events_told", self.changes.len() as u64);
         self.sent_mono_ns = monotonic_ns();
         self.changes.clear();
@@ -279,7 +286,7 @@ impl Service {
         }
     }
 
-    fn tell_health(&self, worker: &mut Worker) {
+    fn tell_health(&mut self, worker: &mut Worker) {
         let health = &mut worker.health;
         let counters = self.watch.counters();
         let losses = self.classes.losses();
@@ -293,6 +300,15 @@ impl Service {
         // 0 learning, 1 calibrating, 2 watching.
         health.gauge("phase", f64::from(self.watch.phase() as u8));
         health.gauge("learnt_s", self.watch.learnt_s());
+        let now_ns = monotonic_ns();
+        if now_ns >= self.percentiles_mono_ns + SECOND_NS {
+            self.percentiles_mono_ns = now_ns; // they sort: once a second, not once a frame
+            for (name, share) in [("frame_latency_p50_ms", 0.5), ("frame_latency_p99_ms", 0.99)] {
+                if let Some(latency_ns) = self.latencies.percentile_ns(share) {
+                    health.gauge(name, latency_ns as f64 * 1e-6);
+                }
+            }
+        }
         health.gauge("calibrated_s", self.watch.calibrated_s());
         let waiting = self.outbox.outbox().unacknowledged().count();
         health.gauge("events_unacknowledged", waiting as f64);

@@ -143,8 +143,9 @@ impl OutboxFile {
         Ok((Self { path, outbox: loaded.outbox, file: Some(file) }, words))
     }
 
-    /// Writes changes down and syncs them. After an error they are kept in memory, and written with
-    /// the next ones or by [`OutboxFile::mend`].
+    /// Writes changes down: from here on the death of this process loses nothing. What the death of
+    /// the machine would lose is synced by [`OutboxFile::sync`]. After an error they are kept in memory,
+    /// and written with the next ones or by [`OutboxFile::mend`].
     ///
     /// # Errors
     /// In words, if the disk does not take them; they are to be told all the same.
@@ -158,11 +159,24 @@ impl OutboxFile {
             }
         }
         let Some(file) = &mut self.file else { return self.mend() };
-        if let Err(error) = file.write_all(&bytes).and_then(|()| file.sync_data()) {
+        if let Err(error) = file.write_all(&bytes) {
             self.file = None;
             return Err(self.words(&error));
         }
         refused.map_or(Ok(()), Err)
+    }
+
+    /// Brings what was appended to the disk itself; milliseconds on a real one.
+    ///
+    /// # Errors
+    /// In words, if the disk does not take it; the file is then written anew with the next change.
+    pub fn sync(&mut self) -> Result<(), String> {
+        let Some(file) = &mut self.file else { return Ok(()) };
+        if let Err(error) = file.sync_data() {
+            self.file = None;
+            return Err(self.words(&error));
+        }
+        Ok(())
     }
 
     /// True if the file lacks something that is in memory.

@@ -90,6 +90,8 @@ pub struct FrameOut<'a> {
     pub hit: &'a [u64],
     /// Bit plane of known cells.
     pub known: &'a [u64],
+    /// Cells that may differ from the frame before, each once.
+    pub changed_cells: &'a [u32],
     /// Bit i: laser i of the area is in this frame.
     pub lasers_present: u64,
     /// Publication of the scan that completed it, CLOCK_MONOTONIC; 0 if a deadline did.
@@ -257,6 +259,7 @@ impl FusionCore {
     pub fn next_frame(&mut self, now_ns: Option<u64>) -> Option<FrameOut<'_>> {
         let (number, completion) = self.slots.complete(now_ns)?;
         let (fuser, counts) = (&mut self.fuser, &mut self.counts);
+        fuser.clear_changed();
         let (pool, finished) = (&mut self.pool, &mut self.finished);
         let present = &mut self.lasers_present;
         self.slots.emit(|laser, change| match change {
@@ -287,6 +290,7 @@ impl FusionCore {
             number,
             hit: self.fuser.hit(),
             known: self.fuser.known(),
+            changed_cells: self.fuser.changed_cells(),
             lasers_present: self.lasers_present,
             completed_by_mono_ns: if by_deadline { 0 } else { self.completed_by_mono_ns },
         })

@@ -81,9 +81,13 @@ impl MapperCore {
 
     /// Takes a frame. `step` is called for every frame of the lattice that this adds, the missing
     /// ones first, with its number and the classes after it.
+    ///
+    /// `changed_cells` names the cells that may differ from the frame before, if the caller knows: it
+    /// saves the comparison of the planes.
     pub fn frame(
         &mut self,
         frame: FrameView<'_>,
+        changed_cells: Option<&[u32]>,
         mut step: impl FnMut(u64, &TemporalGrid),
     ) -> Taken {
         let (number, words) = (frame.number, self.geometry.plane_words());
@@ -97,7 +101,10 @@ impl MapperCore {
         }
         self.fill_until(number, &mut step);
         let context = self.contexts.at(self.lattice.stamp_ns(number));
-        self.grid.push(frame, context);
+        match changed_cells {
+            Some(cells) => self.grid.push_changed(frame, cells, context),
+            None => self.grid.push(frame, context),
+        }
         self.counts.frames_in += 1;
         step(number, &self.grid);
         Taken::Yes

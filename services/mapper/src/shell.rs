@@ -160,7 +160,7 @@ impl Mapper {
         };
         let results = &mut self.results;
         let mut written = Ok(());
-        let taken = self.core.frame(view, |number, grid| {
+        let taken = self.core.frame(view, None, |number, grid| {
             if let (Some(results), true) = (results.as_mut(), written.is_ok()) {
                 written = results.step(number, grid.classes());
             }

@@ -54,7 +54,7 @@
 //! | [`loss`], [`credit`] | pure: what was lost, what may be sent |
 //! | [`plan`], [`role`] | pure: topics and processes of a site |
 //! | [`instance`], [`domain`] | the run directory, and who owns it |
-//! | [`clock`], [`health`], [`logging`] | time, how we are, what we say |
+//! | [`clock`], [`latency`], [`health`], [`logging`] | time, how we are, what we say |
 
 pub mod bus;
 pub mod clock;
@@ -65,6 +65,7 @@ mod doorbell;
 pub mod event_loop;
 pub mod health;
 pub mod instance;
+pub mod latency;
 mod leftovers;
 pub mod logging;
 pub mod loss;
@@ -82,6 +83,7 @@ pub use credit::Receipt;
 pub use event_loop::{EventLoop, Interest, Token, Wake};
 pub use health::HealthReporter;
 pub use instance::Instance;
+pub use latency::Latencies;
 pub use loss::Losses;
 pub use ports::{BusError, Element};
 pub use publisher::{Loan, Publisher};

@@ -1,4 +1,4 @@
-//! How long from the publication of the scan that completed a frame to its event here: the newest
+//! How long from the publication of the scan that completed a frame to what came of it here: the newest
 //! [`KEPT`] of them, so that a percentile is exact and its cost is bounded.
 
 use std::collections::VecDeque;
@@ -8,14 +8,14 @@ pub const KEPT: usize = 1000;
 
 /// The newest latencies, nanoseconds.
 #[derive(Debug, Default)]
-pub(crate) struct Latencies {
+pub struct Latencies {
     newest: VecDeque<u64>,
 }
 
 impl Latencies {
-    /// A change that was received at `now_mono_ns`. One without a scan to blame (0), or with one
+    /// Something that was received at `now_mono_ns`. One without a scan to blame (0), or with one
     /// from the future, says nothing.
-    pub(crate) fn observe(&mut self, completed_by_mono_ns: u64, now_mono_ns: u64) {
+    pub fn observe(&mut self, completed_by_mono_ns: u64, now_mono_ns: u64) {
         if completed_by_mono_ns == 0 || completed_by_mono_ns > now_mono_ns {
             return;
         }
@@ -26,7 +26,7 @@ impl Latencies {
     }
 
     /// The smallest latency that at least `share` (0..=1) of the newest do not exceed, ns.
-    pub(crate) fn percentile_ns(&self, share: f64) -> Option<u64> {
+    pub fn percentile_ns(&self, share: f64) -> Option<u64> {
         let mut sorted: Vec<u64> = self.newest.iter().copied().collect();
         sorted.sort_unstable();
         let rank = (share * sorted.len() as f64).ceil() as usize;

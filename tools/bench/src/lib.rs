@@ -1,1 +1,0 @@
-//! Latency and soak measurements of the running system.
