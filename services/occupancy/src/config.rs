@@ -64,8 +64,8 @@ pub enum ConfigError {
 }
 
 impl GridConfig {
-    /// The grid of an area of the site file. Context i is the i-th of the site file, the last
-    /// is `always`: what no context names.
+    /// The grid of an area of the site file. Context 0 is `always`: what no context names; context
+    /// i + 1 is the i-th of the site file.
     #[must_use]
     pub fn of_area(area: &Area) -> Self {
         let lattice = area.lattice();
