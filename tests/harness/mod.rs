@@ -257,10 +257,16 @@ impl Site {
         log
     }
 
+    /// Waits for the end of the supervisor, whatever it leaves; its exit code, none if a signal ended
+    /// it.
+    pub fn wait_end_of_run(&mut self) -> Option<i32> {
+        self.running.as_mut().unwrap().wait().code()
+    }
+
     /// Waits for the end by itself: no process, no shared memory, no run directory is left. The exit
     /// code, and the log.
     pub fn wait_end(&mut self) -> (Option<i32>, String) {
-        let code = self.running.as_mut().unwrap().wait().code();
+        let code = self.wait_end_of_run();
         let log = self.log().text();
         self.assert_nothing_is_left(&log);
         (code, log)

@@ -1,8 +1,12 @@
 //! Start, stop, a second instance, and what a crashed run leaves.
 
 use super::{ROOM, SERVICES};
-use crate::harness::{Setup, Site, count, find, kill, pids, processes_of, shared_memory, tog};
+use crate::harness::{
+    Random, Setup, Site, WATCHDOG, count, find, is_nightly, kill, pids, processes_of,
+    shared_memory, tog,
+};
 use rustix::process::Signal;
+use std::time::{Duration, Instant};
 use supervisor::StatusReport;
 
 #[test]
@@ -72,7 +76,7 @@ fn the_shared_memory_of_a_crashed_run_is_cleared_by_the_next() {
     for pid in pids(&report).into_values() {
         kill(pid, Signal::KILL);
     }
-    site.log().wait_a_moment(std::time::Duration::ZERO);
+    site.log().wait_a_moment(Duration::ZERO);
     let stale = shared_memory(&prefix);
     assert!(!stale.is_empty(), "a crash leaves shared memory, else this test shows nothing");
     site.start_again();
@@ -91,14 +95,37 @@ fn is_of_before(path: &std::path::Path, report: &StatusReport) -> bool {
 }
 
 #[test]
+fn a_supervisor_that_is_killed_at_any_moment_leaves_nothing_that_stops_the_next() {
+    let mut random = Random::from_environment();
+    let rounds = if is_nightly() { 60 } else { 8 };
+    let mut site = Site::start(ROOM);
+    let log = |site: &Site| site.log().text();
+    for _ in 0..rounds {
+        // The moment is random, it stands for no condition: half of them while it creates its shared
+        // memory, half while the processes start.
+        let limit_ms = if random.below(2) == 0 { 30 } else { 600 };
+        let start = Instant::now();
+        let moment = Duration::from_millis(random.below(limit_ms));
+        while start.elapsed() < moment {
+            site.log().wait_a_moment(moment - start.elapsed().min(moment));
+        }
+        site.running().signal(Signal::KILL);
+        assert_eq!(site.wait_end_of_run(), None, "{}", log(&site));
+        site.start_again();
+    }
+    site.wait_until_frames_flow(10);
+    site.stop();
+}
+
+#[test]
 fn the_children_of_a_killed_supervisor_stop_by_themselves() {
     let mut site = Site::start(ROOM);
     site.wait_until_frames_flow(1);
     assert_eq!(processes_of(&site.run_dir).len(), SERVICES.len());
     site.running().signal(Signal::KILL);
-    let start = std::time::Instant::now();
+    let start = Instant::now();
     while !processes_of(&site.run_dir).is_empty() {
-        assert!(start.elapsed() < crate::harness::WATCHDOG, "they live on");
-        site.log().wait_a_moment(std::time::Duration::from_millis(20));
+        assert!(start.elapsed() < WATCHDOG, "they live on");
+        site.log().wait_a_moment(Duration::from_millis(20));
     }
 }
