@@ -112,6 +112,8 @@ impl Setup {
         let mut site = Site {
             running: None,
             arguments: self.arguments,
+            file: dir.join("site.toml"),
+            run_root: dir.join("r"),
             run_dir,
             prefix: None,
             dir,
@@ -130,6 +132,10 @@ pub struct Site {
     pub dir: PathBuf,
     /// Its run directory.
     pub run_dir: PathBuf,
+    /// The site file.
+    file: PathBuf,
+    /// The value of TOG_RUN_DIR.
+    run_root: PathBuf,
     prefix: Option<String>,
     _scratch: Scratch,
 }
@@ -138,6 +144,27 @@ impl Site {
     /// Starts a site from a site file with a line `name = ".."`.
     pub fn start(toml: &str) -> Self {
         Setup::new(toml).start()
+    }
+
+    /// Starts `tog demo`.
+    pub fn demo() -> Self {
+        let scratch = Scratch::new();
+        let run_root = scratch.0.join("r");
+        let mut command = tog(&run_root, ["demo"]);
+        command.env("TMPDIR", &scratch.0);
+        let running = Running::start(command);
+        let pid = running.pid();
+        let dir = scratch.0.join(format!("tog-demo-{pid}"));
+        Self {
+            running: Some(running),
+            arguments: Vec::new(),
+            file: dir.join("demo.toml"),
+            run_dir: run_root.join(format!("demo-{pid}")),
+            run_root,
+            prefix: None,
+            dir,
+            _scratch: scratch,
+        }
     }
 
     /// Starts it once more, after its end.
@@ -149,12 +176,12 @@ impl Site {
 
     /// The site file.
     pub fn file(&self) -> PathBuf {
-        self.dir.join("site.toml")
+        self.file.clone()
     }
 
     /// The value of TOG_RUN_DIR.
     pub fn run_root(&self) -> PathBuf {
-        self.dir.join("r")
+        self.run_root.clone()
     }
 
     /// Its supervisor.

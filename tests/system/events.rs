@@ -54,3 +54,30 @@ fn no_event_is_lost_and_none_is_told_twice_while_those_who_tell_are_killed() {
     site.stop();
     assert_eq!(journal(&site), rows, "the end of a site tells nothing");
 }
+
+#[test]
+fn an_intruder_is_told_once_although_those_who_tell_are_killed() {
+    let mut site = Site::demo();
+    let desk = Desk::open(&mut site);
+    // Somebody stands where nobody stands; who has seen it dies with the news on its lips.
+    let raised = desk.wait_for(0, "the intruder", |told| {
+        !told.change.kind.is_fault() && told.change.state == EventState::Raised
+    });
+    site.kill("anomaly foyer", Signal::KILL);
+    site.kill("alerts", Signal::KILL);
+    site.kill("mapper foyer", Signal::KILL);
+    site.wait_until_frames_flow(20);
+    site.kill("anomaly foyer", Signal::KILL);
+    // It goes on: more of the same story, under the same name.
+    let mark = desk.count();
+    desk.wait_for(mark, "more of the intruder", |told| {
+        told.change.id == raised.change.id && told.change.state == EventState::Updated
+    });
+    wait_until_all_is_journaled(&mut site);
+    let rows = journal(&site);
+    assert_whole(&rows);
+    let begun = rows.iter().filter(|(_, change)| change.state == EventState::Raised);
+    let begun: Vec<_> = begun.map(|(_, change)| change.id.as_str()).collect();
+    assert_eq!(begun, [raised.change.id.as_str()], "{rows:#?}");
+    site.stop();
+}
