@@ -95,20 +95,45 @@ fn is_of_before(path: &std::path::Path, report: &StatusReport) -> bool {
 }
 
 #[test]
+fn a_site_that_is_stopped_at_any_moment_leaves_nothing_even_if_its_processes_are_killed() {
+    let mut random = Random::from_environment();
+    let rounds = if is_nightly() { 60 } else { 8 };
+    let mut site = Site::start(ROOM);
+    for _ in 0..rounds {
+        site.wait_until("its start", |_| Some(()));
+        wait_for_any_moment(&site, &mut random);
+        site.running().signal(Signal::TERM);
+        let victims = processes_of(&site.run_dir);
+        if !victims.is_empty() {
+            wait_for_any_moment(&site, &mut random);
+            kill(victims[random.below(victims.len() as u64) as usize], Signal::KILL);
+        }
+        let (code, log) = site.wait_end();
+        assert_eq!(code, Some(0), "{log}");
+        site.start_again();
+    }
+    site.wait_until_frames_flow(10);
+    site.stop();
+}
+
+/// The moment is random, it stands for no condition: half of them while shared memory is created, half
+/// while the processes start.
+fn wait_for_any_moment(site: &Site, random: &mut Random) {
+    let limit_ms = if random.below(2) == 0 { 30 } else { 600 };
+    let (start, moment) = (Instant::now(), Duration::from_millis(random.below(limit_ms)));
+    while start.elapsed() < moment {
+        site.log().wait_a_moment(moment - start.elapsed().min(moment));
+    }
+}
+
+#[test]
 fn a_supervisor_that_is_killed_at_any_moment_leaves_nothing_that_stops_the_next() {
     let mut random = Random::from_environment();
     let rounds = if is_nightly() { 60 } else { 8 };
     let mut site = Site::start(ROOM);
     let log = |site: &Site| site.log().text();
     for _ in 0..rounds {
-        // The moment is random, it stands for no condition: half of them while it creates its shared
-        // memory, half while the processes start.
-        let limit_ms = if random.below(2) == 0 { 30 } else { 600 };
-        let start = Instant::now();
-        let moment = Duration::from_millis(random.below(limit_ms));
-        while start.elapsed() < moment {
-            site.log().wait_a_moment(moment - start.elapsed().min(moment));
-        }
+        wait_for_any_moment(&site, &mut random);
         site.running().signal(Signal::KILL);
         assert_eq!(site.wait_end_of_run(), None, "{}", log(&site));
         site.start_again();

@@ -1,5 +1,6 @@
 //! Faults: whatever is killed, stopped, full or left over, the site goes on, or says why not.
 
+mod damage;
 mod disk;
 mod events;
 mod feed;

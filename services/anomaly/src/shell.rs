@@ -76,11 +76,11 @@ impl Service {
         };
         let area = area.clone();
         let state_dir = worker.instance.state_dir.clone();
-        std::fs::create_dir_all(&state_dir)?;
-        let mut watch = Watch::new(&area, &worker.site.lasers);
         let fail = |error: std::io::Error| {
             Failure::Failed(format!("the state directory {}: {error}", state_dir.display()))
         };
+        std::fs::create_dir_all(&state_dir).map_err(fail)?;
+        let mut watch = Watch::new(&area, &worker.site.lasers);
         let stamp_ns = wall_ns();
         if let Some(words) =
             load_normal(&state_dir, &area.id, &mut watch, stamp_ns).map_err(fail)?
