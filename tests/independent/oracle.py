@@ -87,7 +87,7 @@ def scans_of(path):
                 for connection, _, raw in reader.messages(connections=connections)
             ]
     except (AssertionError, AnyReaderError) as error:  # it asserts what the index should say
-        print(f"{path}: rosbags refuses the bag ({error}); reading the records one by one")
+        print(f"{path}: rosbags refuses the bag ({error!r}); reading the records one by one")
         return list(walk_bag.scans(path, LASER_SCAN))
 
 
