@@ -3,6 +3,8 @@
 //! ROS 1 packs without padding, little endian. CDR (ROS 2) aligns a number of 4 bytes to 4, counted
 //! behind its encapsulation header, in either byte order. All fields of a LaserScan have 4 bytes.
 
+use std::borrow::Cow;
+
 /// A place in a message.
 pub(crate) struct Cursor<'a> {
     bytes: &'a [u8],
@@ -12,8 +14,8 @@ pub(crate) struct Cursor<'a> {
 }
 
 impl<'a> Cursor<'a> {
-    /// The body of a ROS 1 message.
-    pub fn ros1(bytes: &'a [u8]) -> Self {
+    /// The body of a ROS 1 message, or of a record of MCAP: packed, little endian.
+    pub fn packed(bytes: &'a [u8]) -> Self {
         Self { bytes, at: 0, aligned: false, big_endian: false }
     }
 
@@ -65,6 +67,28 @@ impl<'a> Cursor<'a> {
     /// An unsigned number.
     pub fn u32(&mut self, what: &str) -> Result<u32, String> {
         self.word(what).map(u32::from_le_bytes)
+    }
+
+    /// An unsigned number of two bytes, little endian, not aligned.
+    pub fn u16(&mut self, what: &str) -> Result<u16, String> {
+        self.take(2, what).map(|bytes| u16::from_le_bytes([bytes[0], bytes[1]]))
+    }
+
+    /// An unsigned number of eight bytes, little endian, not aligned.
+    pub fn u64(&mut self, what: &str) -> Result<u64, String> {
+        let [low, high] = [self.u32(what)?, self.u32(what)?];
+        Ok(u64::from(high) << 32 | u64::from(low))
+    }
+
+    /// A string (length, bytes).
+    pub fn string(&mut self, what: &str) -> Result<Cow<'a, str>, String> {
+        let length = self.u32(what)? as usize;
+        self.take(length, what).map(String::from_utf8_lossy)
+    }
+
+    /// All bytes that are left.
+    pub fn rest(self) -> &'a [u8] {
+        &self.bytes[self.at..]
     }
 
     /// A float; its bits are kept.

@@ -34,7 +34,7 @@ pub(crate) const MESSAGE_BYTES_MAX: usize = BEAMS_MAX * 8 + 32 * 1024;
 /// What was found and what was expected.
 pub(crate) fn decode(bytes: &[u8], wire: Wire, log_time_ns: u64) -> Result<LaserScan, String> {
     let mut cursor = match wire {
-        Wire::Ros1 => Cursor::ros1(bytes),
+        Wire::Ros1 => Cursor::packed(bytes),
         Wire::Cdr => Cursor::cdr(bytes)?,
     };
     if wire == Wire::Ros1 {

@@ -76,7 +76,8 @@ impl Channels {
     }
 }
 
-fn check_name(name: &str) -> Result<(), String> {
+/// Refuses a name that is longer than any.
+pub(crate) fn check_name(name: &str) -> Result<(), String> {
     let length = name.len();
     if length > NAME_BYTES_MAX {
         return Err(format!("a name of {length} bytes, expected at most {NAME_BYTES_MAX}"));
@@ -106,6 +107,15 @@ impl Raw {
             reader.read_exact(&mut self.bytes)?;
         }
         Ok(self.bytes.len() as u64)
+    }
+
+    /// Takes a message, or nothing if it is longer than any scan.
+    pub fn copy(&mut self, bytes: &[u8]) {
+        self.bytes.clear();
+        self.length = bytes.len() as u64;
+        if !self.is_too_long() {
+            self.bytes.extend_from_slice(bytes);
+        }
     }
 
     /// True if the message was longer than any scan.

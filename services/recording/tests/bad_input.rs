@@ -206,6 +206,36 @@ fn more_topics_than_a_site_has_lasers_and_names_without_end_are_damage() {
     }
 }
 
+/// Reading it within little memory is what the fuzz target checks; here: what is said.
+#[test]
+fn strings_of_mcap_that_are_longer_than_their_record_are_damage() {
+    let record = |opcode: u8, body: &[u8]| {
+        [&[opcode], &(body.len() as u64).to_le_bytes()[..], body].concat()
+    };
+    let long = (u32::MAX - 7).to_le_bytes();
+    let schema = record(3, &[&[1, 0][..], &long, b"sensor_msgs"].concat());
+    let channel = record(4, &[&[1, 0, 0, 0][..], &long, b"/scan"].concat());
+    for (bad, what) in [(schema, "the name of a schema"), (channel, "the topic of a channel")] {
+        let (scans, errors) = read(&[b"\x89MCAP0\r\n", &bad[..]].concat());
+        assert_eq!((scans.len(), errors.len()), (0, 1));
+        let text = errors[0].to_string();
+        assert!(text.contains(what) && text.contains("needs 4294967288 bytes"), "{text}");
+    }
+}
+
+#[test]
+fn unknown_channels_and_schemas_of_mcap_are_damage() {
+    let record = |opcode: u8, body: &[u8]| {
+        [&[opcode], &(body.len() as u64).to_le_bytes()[..], body].concat()
+    };
+    let message = record(5, &[&[9, 0][..], &[0; 20]].concat());
+    let channel = record(4, &[1, 0, 7, 0, 1, 0, 0, 0, b't', 0, 0, 0, 0, 0, 0, 0, 0]);
+    for (bad, what) in [(message, "unknown channel 9"), (channel, "unknown schema 7")] {
+        let (_, errors) = read(&[b"\x89MCAP0\r\n", &bad[..]].concat());
+        assert!(errors[0].to_string().contains(what), "{}", errors[0]);
+    }
+}
+
 /// What makes a scan, NaN ranges included.
 fn bits(scans: &[RecordedScan]) -> Vec<(u64, u64, Vec<u32>)> {
     let ranges = |found: &RecordedScan| found.scan.ranges_m.iter().map(|r| r.to_bits()).collect();
