@@ -46,6 +46,13 @@ pub fn run(arguments: &Run) -> ExitCode {
         Ok(out_dir) => out_dir,
         Err(error) => return fail(exit::USAGE, format!("--out: {error}")),
     };
+    // Told here and at once: a mapper that cannot create it would be started again and again.
+    if let Some(directory) = &out_dir
+        && let Err(error) = std::fs::create_dir_all(directory)
+    {
+        let text = format!("cannot write the results to {}: {error}", directory.display());
+        return fail(exit::FAILED, text);
+    }
     let options = supervisor::Options {
         base_dir,
         out_dir,

@@ -3,4 +3,5 @@
 
 #[allow(dead_code)] // each room uses what it needs
 mod harness;
+mod pipeline;
 mod system;

@@ -19,7 +19,7 @@ use area::AreaRun;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use process::exit;
 use protocol::geometry::Pose;
-use protocol::site::{Preset, Site, Source};
+use protocol::site::{Laser, Preset, Site, Source};
 use protocol::time::SECOND_NS;
 use recording::{Recording, RecordingIndex};
 use std::io;
@@ -98,19 +98,25 @@ pub fn main(arguments: &Replay) -> ExitCode {
 
 /// Replays every area of the recording.
 fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
+    // What is wrong with the site is told before a recording of hours is read.
+    let site = arguments.site.as_deref().map(site_file::load).transpose()?;
+    site.as_ref().map_or(Ok(()), all_replayed)?;
     let recording = Recording::open(&arguments.recording)?;
     eprintln!("tog: reading {}", arguments.recording.display());
     let index = RecordingIndex::scan(&recording, |_| Pose::default())?;
-    std::fs::create_dir_all(&arguments.out).map_err(write_error(&arguments.out))?;
-    let site = match &arguments.site {
-        Some(path) => site_file::load(path)?,
+    report_contents(&index);
+    let site = match site {
+        Some(site) => site,
         None => laid_out(arguments, &recording, &index)?,
     };
-    report_contents(&index);
+    let mut sources = Vec::with_capacity(site.areas.len());
+    for area in &site.areas {
+        sources.push(sources_of(&site, &area.id, &arguments.recording, &index)?);
+    }
 
     let several = site.areas.len() > 1;
     let mut cut = None;
-    for area_index in 0..site.areas.len() {
+    for (area_index, sources) in sources.into_iter().enumerate() {
         let area = &site.areas[area_index];
         let directory = if several { arguments.out.join(&area.id) } else { arguments.out.clone() };
         let rows = if arguments.every_frame {
@@ -118,7 +124,6 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         } else {
             mapper::results::Rows::OneASecond
         };
-        let sources = sources_of(&site, &area.id, &arguments.recording, &index)?;
         let mut run = AreaRun::new(&site, area_index, sources, &directory, rows)?;
         let bar = progress_bar(&area.id, &index);
         run.to_the_end(&bar)?;
@@ -129,6 +134,17 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         eprintln!("tog: results of area {} are in {}", area.id, directory.display());
     }
     Ok(Outcome { cut })
+}
+
+/// Refuses a site with a laser that no recording can feed.
+fn all_replayed(site: &Site) -> Result<(), ReplayError> {
+    let simulated = |laser: &&Laser| !matches!(laser.source, Source::Replay { .. });
+    match site.lasers.iter().find(simulated) {
+        None => Ok(()),
+        Some(laser) => {
+            Err(ReplayError::NotReplayed { laser: laser.id.clone(), found: "simulated" })
+        }
+    }
 }
 
 /// The site of a recording that comes without one; its text is written beside the results.
@@ -143,6 +159,7 @@ fn laid_out(
         PresetName::Onehot => Preset::Onehot,
     };
     let text = layout::lay_out(recording, index, preset)?;
+    std::fs::create_dir_all(&arguments.out).map_err(write_error(&arguments.out))?;
     let path = arguments.out.join("site.toml");
     std::fs::write(&path, &text).map_err(write_error(&path))?;
     let site = site_file::parse(&text, &path)?;
@@ -189,14 +206,14 @@ fn sources_of(
     index: &RecordingIndex,
 ) -> Result<Vec<laser::replay::ReplaySource>, ReplayError> {
     let mut sources = Vec::new();
+    let mut begins_ns = Vec::new();
     for (_, laser) in site.lasers_of(area) {
-        let Source::Replay { topic, .. } = &laser.source else {
-            let found = "simulated";
-            return Err(ReplayError::NotReplayed { laser: laser.id.clone(), found });
-        };
+        let Source::Replay { topic, .. } = &laser.source else { continue }; // see `all_replayed`
         let topic = index.topic(topic.as_deref())?;
+        begins_ns.push((laser, topic.first_stamp_ns));
         sources.push(laser::replay::ReplaySource::open(recording, Some(&topic.topic))?);
     }
+    laser::site::check_begins(&begins_ns)?;
     Ok(sources)
 }
 

@@ -129,7 +129,8 @@ pub struct FusionCore {
     /// Geometry and beams of each laser's first scan.
     installed: Vec<Option<(ScanGeometry, usize)>>,
     pool: Vec<Stored>,
-    finished: Vec<Origin>,
+    /// The newest scan of each laser that is finished with and not told yet.
+    finished: Vec<Option<Origin>>,
     lasers_present: u64,
     completed_by_mono_ns: u64,
     counts: Counts,
@@ -159,7 +160,7 @@ impl FusionCore {
             range_tolerance_m: area.range_tolerance_m(),
             installed: vec![None; lasers.len()],
             pool: Vec::new(),
-            finished: Vec::new(),
+            finished: vec![None; lasers.len()],
             lasers_present: 0,
             completed_by_mono_ns: 0,
             counts: Counts::default(),
@@ -179,7 +180,7 @@ impl FusionCore {
         self.counts.scans_in += 1;
         if let Err(refused) = self.admit(origin.laser, &scan) {
             self.counts.scans_refused += 1;
-            self.finished.push(origin);
+            finish(&mut self.finished, origin);
             return Err(refused);
         }
         let mut stored = self.pool.pop().unwrap_or_else(|| Stored { origin, ranges_m: Vec::new() });
@@ -191,7 +192,7 @@ impl FusionCore {
         let mut superseded = 0;
         let arrival = self.slots.arrive(origin.laser, scan.stamp_ns, now_ns, stored, |old| {
             superseded += 1;
-            finished.push(old.origin);
+            finish(finished, old.origin);
             pool.push(old);
         });
         match arrival {
@@ -266,12 +267,12 @@ impl FusionCore {
             LaneChange::New(scan) => {
                 fuser.apply(laser, &scan.ranges_m);
                 *present |= 1 << laser;
-                finished.push(scan.origin);
+                finish(finished, scan.origin);
                 pool.push(scan);
             }
             LaneChange::Superseded(scan) => {
                 counts.scans_superseded += 1;
-                finished.push(scan.origin);
+                finish(finished, scan.origin);
                 pool.push(scan);
             }
             LaneChange::Absent => {
@@ -296,9 +297,23 @@ impl FusionCore {
         })
     }
 
-    /// Scans that were finished with since the last call: superseded, applied or dropped.
+    /// Up to where the scans of each laser are finished with (superseded, applied or dropped), if
+    /// that moved: the origin that is named, and all before it of its session.
+    ///
+    /// A scan may be superseded while older ones still wait for their frames; then it is not told
+    /// before them, or its laser would take them for done and run further ahead than there is room.
     pub fn drain_finished(&mut self) -> impl Iterator<Item = Origin> + '_ {
-        self.finished.drain(..)
+        let slots = &self.slots;
+        self.finished.iter_mut().enumerate().filter_map(|(laser, finished)| {
+            let done = (*finished)?;
+            let mut waiting = slots.waiting(laser).map(|scan| scan.origin);
+            match waiting.find(|origin| origin.session == done.session) {
+                Some(oldest) if oldest.seq <= done.seq => {
+                    Some(Origin { seq: oldest.seq.checked_sub(1)?, ..done })
+                }
+                _ => finished.take(),
+            }
+        })
     }
 
     /// When [`FusionCore::next_frame`] must be asked though nothing arrived.
@@ -323,5 +338,79 @@ impl FusionCore {
     #[must_use]
     pub fn counts(&self) -> Counts {
         self.counts
+    }
+}
+
+/// Notes that a scan is finished with.
+fn finish(finished: &mut [Option<Origin>], origin: Origin) {
+    if let Some(newest) = finished.get_mut(origin.laser) {
+        let is_newer = |newest: &Origin| (origin.session, origin.seq) > (newest.session, newest.seq);
+        if newest.as_ref().is_none_or(is_newer) {
+            *newest = Some(origin);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use protocol::time::MILLISECOND_NS as MS;
+
+    const GEOMETRY: ScanGeometry = ScanGeometry {
+        angle_min_rad: 0.0,
+        angle_increment_rad: 0.1,
+        range_min_m: 0.1,
+        range_max_m: 8.0,
+    };
+
+    fn fusion(lasers: usize) -> FusionCore {
+        let laser = |n| {
+            serde_json::json!({ "id": format!("l{n}"), "area": "a", "x_m": 0.0, "y_m": 0.0,
+                "source": { "kind": "simulator", "scene": "none" } })
+        };
+        let site: protocol::site::Site = serde_json::from_value(serde_json::json!({
+            "name": "s",
+            "area": [{ "id": "a", "origin_m": [0.0, 0.0], "columns": 8, "rows": 8 }],
+            "laser": (0..lasers).map(laser).collect::<Vec<_>>(),
+        }))
+        .unwrap();
+        FusionCore::new(&site.areas[0], &site.lasers.iter().collect::<Vec<_>>(), None)
+    }
+
+    /// Offers the scan with this number; stamps are 60 ms apart, so that some frames have two.
+    fn offer(fusion: &mut FusionCore, laser: usize, seq: u64, beams: usize) {
+        let origin = Origin { laser, session: 7, seq, published_mono_ns: 0 };
+        let ranges_m = vec![1.0; beams];
+        let stamp_ns = (1000 + 60 * seq) * MS;
+        let scan = ScanView { stamp_ns, geometry: GEOMETRY, ranges_m: &ranges_m };
+        let _ = fusion.scan(origin, scan, None);
+    }
+
+    fn told(fusion: &mut FusionCore) -> Vec<(usize, u64)> {
+        fusion.drain_finished().map(|origin| (origin.laser, origin.seq)).collect()
+    }
+
+    #[test]
+    fn a_scan_is_not_finished_with_before_an_older_one_that_waits() {
+        let mut fusion = fusion(2);
+        // Frames at 1000, 1100, 1200 ms: scans 0 | 1 | 2, 3 (3 at 1180 takes the place of 2).
+        (0..4).for_each(|seq| offer(&mut fusion, 0, seq, 5));
+        assert_eq!(fusion.counts().scans_superseded, 1);
+        assert_eq!(told(&mut fusion), [], "0 still waits");
+        offer(&mut fusion, 0, 4, 3);
+        assert_eq!(fusion.counts().scans_refused, 1);
+        assert_eq!(told(&mut fusion), [], "4 is refused, but 0 still waits");
+        offer(&mut fusion, 1, 2, 5); // at 1120 ms
+        assert!(fusion.next_frame(None).is_some());
+        assert_eq!(told(&mut fusion), [(0, 0)]);
+        assert!(fusion.next_frame(None).is_some());
+        assert_eq!(told(&mut fusion), [(0, 2)], "3 still waits, 2 was superseded by it");
+        fusion.end(1);
+        offer(&mut fusion, 0, 5, 5);
+        assert!(fusion.next_frame(None).is_some());
+        let last = told(&mut fusion);
+        assert_eq!(last, [(1, 2), (0, 4)].into_iter().filter(|l| last.contains(l)).collect::<Vec<_>>());
+        assert!(last.contains(&(0, 4)), "5 waits: {last:?}");
     }
 }

@@ -279,6 +279,11 @@ impl<T> Slots<T> {
         self.begun = true;
     }
 
+    /// The scans of a laser that wait for their frame, oldest first.
+    pub fn waiting(&self, laser: usize) -> impl Iterator<Item = &T> {
+        self.lanes[laser].waiting.iter().map(|waiting| &waiting.scan)
+    }
+
     /// Lasers that have been silent for `laser_lost` at `now_ns`, as bits.
     #[must_use]
     pub fn lost(&self, now_ns: Option<u64>) -> u64 {

@@ -1,11 +1,13 @@
 //! From the site file to sources.
 
+use crate::gate::STEP_MAX_NS;
 use crate::replay::ReplaySource;
 use crate::simulator::SimulatorSource;
 use crate::source::{Source, SourceError};
 use process::Clock;
 use protocol::scan::LaserScan;
 use protocol::site::{self, Laser, Pace, Site};
+use protocol::time::SECOND_NS;
 use scene::{LaserSpec, SCENE_BYTES_MAX, Scene};
 use std::io::Read;
 use std::path::Path;
@@ -76,19 +78,45 @@ pub fn simulated_laser(scene: &Scene, laser: &Laser) -> LaserSpec {
 /// `None` if no laser is replayed. It is the start of the site's clock, so that all lasers keep step.
 ///
 /// # Errors
-/// A recording that cannot be opened, has no scans, or not those of its laser.
+/// A recording that cannot be opened, has no scans, or not those of its laser;
+/// [`SourceError::Apart`].
 pub fn replay_begin_ns(site: &Site, base_dir: &Path) -> Result<Option<u64>, SourceError> {
-    let mut begin_ns: Option<u64> = None;
+    let mut begins_ns = Vec::new();
     for laser in &site.lasers {
         if let site::Source::Replay { recording, topic, .. } = &laser.source {
             let mut replay = ReplaySource::open(&base_dir.join(recording), topic.as_deref())?;
             let mut scan = LaserScan::default();
             if replay.next(&mut scan)? {
-                begin_ns = Some(begin_ns.map_or(scan.stamp_ns, |begin| begin.min(scan.stamp_ns)));
+                begins_ns.push((laser, scan.stamp_ns));
             }
         }
     }
-    Ok(begin_ns)
+    check_begins(&begins_ns)?;
+    Ok(begins_ns.iter().map(|(_, begin_ns)| *begin_ns).min())
+}
+
+/// Refuses recordings that could not have been made together: lasers of one area whose first stamps,
+/// UNIX nanoseconds, are further apart than a stamp may step within a recording.
+///
+/// # Errors
+/// [`SourceError::Apart`].
+pub fn check_begins(begins_ns: &[(&Laser, u64)]) -> Result<(), SourceError> {
+    for (laser, later_ns) in begins_ns {
+        let of_area = begins_ns.iter().filter(|(other, _)| other.area == laser.area);
+        let Some((earliest, earlier_ns)) = of_area.min_by_key(|(_, begin_ns)| *begin_ns) else {
+            continue;
+        };
+        let apart_ns = later_ns - earlier_ns;
+        if apart_ns > STEP_MAX_NS {
+            return Err(SourceError::Apart {
+                area: laser.area.clone(),
+                earlier: earliest.id.clone(),
+                later: laser.id.clone(),
+                found_h: apart_ns / (3600 * SECOND_NS),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// The clock of a site: the host's for live and simulated lasers; one that begins with the recordings at

@@ -53,6 +53,23 @@ pub enum SourceError {
         /// What is there.
         known: String,
     },
+    /// Two lasers of one area whose recordings are not of one time.
+    #[error(
+        "area {area}: laser {later} begins {found_h} h after laser {earlier}, expected at most \
+         {} h: frames are counted through the time between; are both recordings of one day, and by \
+         one clock?",
+        crate::gate::STEP_MAX_NS / (3600 * protocol::time::SECOND_NS)
+    )]
+    Apart {
+        /// The area.
+        area: String,
+        /// The laser that begins first.
+        earlier: String,
+        /// The laser that begins last.
+        later: String,
+        /// Hours between.
+        found_h: u64,
+    },
 }
 
 impl SourceError {

@@ -81,8 +81,10 @@ impl Mapper {
         let results = worker.instance.out_dir.as_ref().map(|directory| {
             let several = worker.site.areas.len() > 1;
             let directory = if several { directory.join(&area.id) } else { directory.clone() };
-            Results::create(&directory, area, Rows::EveryFrame)
-                .map_err(|error| Failure::Failed(format!("{}: {error}", directory.display())))
+            Results::create(&directory, area, Rows::EveryFrame).map_err(|error| {
+                let directory = directory.display();
+                Failure::Failed(format!("cannot write the results to {directory}: {error}"))
+            })
         });
         let bus = &worker.bus;
         Ok(Self {

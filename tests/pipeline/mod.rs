@@ -1,0 +1,20 @@
+//! What the real binary makes of recordings, good and bad, and what it says.
+//!
+//! | where | what it holds |
+//! |---|---|
+//! | `same_numbers` | `tog run` and `tog replay` give the same bytes, at every run |
+//! | `oracle` | a program that shares no code with us agrees on every number |
+//! | `bad_recordings`, `bad_sites` | words and an exit code, or a drop that is counted and told |
+//! | `cli` | every verb explains itself |
+//! | `demo` | `tog demo` alarms, ends, and leaves nothing |
+//! | `support` | runs the binary under a watchdog; reads what it wrote |
+//! | `made` | recordings made by the letter, good and bad |
+
+mod bad_recordings;
+mod bad_sites;
+mod cli;
+mod demo;
+mod made;
+mod oracle;
+mod same_numbers;
+mod support;
