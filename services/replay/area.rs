@@ -69,7 +69,7 @@ impl AreaRun {
     ///
     /// # Errors
     /// If a source breaks for a reason other than a cut recording, or the results cannot be written.
-    pub fn to_the_end(&mut self, bar: &ProgressBar) -> Result<(), ReplayError> {
+    pub fn replay_all(&mut self, bar: &ProgressBar) -> Result<(), ReplayError> {
         let mut scan = LaserScan::default();
         loop {
             let speaking = self.lanes.iter().enumerate().filter(|(_, lane)| !lane.ended);

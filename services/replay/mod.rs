@@ -126,7 +126,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         };
         let mut run = AreaRun::new(&site, area_index, sources, &directory, rows)?;
         let bar = progress_bar(&area.id, &index);
-        run.to_the_end(&bar)?;
+        run.replay_all(&bar)?;
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
         cut = run.take_cut().or(cut);

@@ -78,8 +78,9 @@ fn corner_scans() -> impl Iterator<Item = LaserScan> {
 #[test]
 fn what_is_no_recording_is_refused_in_words() {
     let bench = Bench::new();
-    let wanted = "expected an MCAP file or a ROS 1 bag (V2.0)";
-    let noise: Vec<u8> = (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    let wanted = "expected an MCAP file or a ROS 1 bag";
+    let noise: Vec<u8> =
+        (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
     bench.replay(bench.scratch.path()).expect(1, &["is a directory, expected a file"]);
     bench.replay(&bench.path("absent.bag")).expect(1, &["absent.bag: cannot open", "No such file"]);
     bench.replay(Path::new("/dev/null")).expect(1, &["found a device or a pipe, expected a file"]);
@@ -99,9 +100,6 @@ fn a_recording_without_scans_is_refused_in_words() {
     if let Some(empty) = shared("sick_cola/empty_ros1.bag") {
         bench.replay(&empty).expect(1, &["holds no laser scans: it is empty"]);
     }
-    if let Some(old) = shared("scan_tools/laser_scan_splitter_demo.bag") {
-        bench.replay(&old).expect(1, &["is a ROS bag of version 1.x", "rosbag fix"]);
-    }
     assert!(!bench.path("out").exists(), "nothing is written for what holds nothing");
 }
 
@@ -113,7 +111,8 @@ fn a_cut_recording_gives_what_came_before_and_exit_code_1() {
     for percent in [30, 60, 95] {
         let cut = bench.file("cut.mcap", &whole[..whole.len() * percent / 100]);
         let (ended, out) = bench.replay_corner(&cut, "cut");
-        ended.expect(1, &["cut.mcap: the recording is", "what came before is replayed and written"]);
+        ended
+            .expect(1, &["cut.mcap: the recording is", "what came before is replayed and written"]);
         let counted = ended.err.split(" scans: ").next().unwrap().rsplit(' ').next().unwrap();
         let scans: u64 = counted.parse().unwrap();
         assert!(scans >= SCANS * percent as u64 / 200, "{scans} scans of {percent} %");
@@ -131,7 +130,7 @@ fn a_cut_bag_gives_what_came_before_and_exit_code_1() {
     let Some(bag) = shared(file) else { return };
     let bench = Bench::new();
     let whole = std::fs::read(bag).unwrap();
-    for (bytes, scans) in [(100_000, 43), (796_100, 363), (1_000_000, 459)] {
+    for (bytes, scans) in [(100_000, 43), (796_100, 365), (1_000_000, 459)] {
         let cut = bench.file("cut.bag", &whole[..bytes]);
         let words = format!("cut.bag: the recording is cut at byte {bytes}, after {scans} scans");
         bench.replay(&cut).expect(1, &[&words, "what came before is replayed and written"]);
@@ -139,28 +138,39 @@ fn a_cut_bag_gives_what_came_before_and_exit_code_1() {
         assert!(bench.path("out/overview.png").exists());
         std::fs::remove_dir_all(bench.path("out")).unwrap();
     }
-    for bytes in [5, 14, 100, 5000] {
+    let cuts = [
+        (5, "expected an MCAP file or a ROS 1 bag"),
+        (14, "is cut at byte 13, after 0 scans"),
+        (100, "is cut at byte 13, after 0 scans"),
+        (5000, "is cut at byte 5000, after 0 scans"),
+    ];
+    for (bytes, words) in cuts {
         let cut = bench.file("cut.bag", &whole[..bytes]);
-        bench.replay(&cut).expect(1, &["cut.bag: ", "expected"]);
+        bench.replay(&cut).expect(1, &["cut.bag: ", words]);
         assert!(!bench.path("out").exists(), "nothing is written for what holds nothing");
     }
 }
 
+/// Damage is told, or it lies where nothing is read (an index) and changes no number.
 #[test]
-fn bytes_that_are_changed_are_never_a_panic_or_a_hang() {
+fn bytes_that_are_changed_are_told_or_change_nothing() {
     let bench = Bench::new();
     let whole = std::fs::read(bench.recording("whole.mcap", corner_scans())).unwrap();
-    for part in 1..8 {
+    let mut told = 0;
+    for part in 1..10 {
         let mut bytes = whole.clone();
-        let at = bytes.len() * part / 8;
+        let at = bytes.len() * part / 10;
         bytes[at..at + 16].fill(0xff);
         let damaged = bench.file("damaged.mcap", &bytes);
-        let (ended, _) = bench.replay_corner(&damaged, "damaged");
-        // The last part is the index, which is not needed to read front to back.
-        let told = ended.code == 1 && ended.err.contains("damaged.mcap: the recording is");
-        assert!(told || (part == 7 && ended.code == 0), "{part}: {}\n{}", ended.code, ended.said());
-        ended.expect(ended.code, &[]);
+        let (ended, out) = bench.replay_corner(&damaged, "damaged");
+        if ended.code == 0 {
+            bench.expect_numbers_of(&out, corner_scans());
+        } else {
+            ended.expect(1, &["damaged.mcap: the recording is", "everything before", " was read"]);
+            told += 1;
+        }
     }
+    assert!(told >= 5, "most of a recording is scans, but only {told} of 9 damages were told");
 }
 
 #[test]
@@ -189,9 +199,12 @@ fn other_beams_in_mid_stream_are_dropped_and_told() {
     let (ended, out) = bench.replay_corner(&recording, "beams");
     let told = "scan 51 of /scan has 91 beams";
     ended.expect(0, &[told, "dropped until the geometry is back", "190 scans (10 dropped)"]);
-    bench.expect_numbers_of(&out, corner_scans().enumerate().filter_map(|(number, scan)| {
-        (!(50..60).contains(&number)).then_some(scan)
-    }));
+    bench.expect_numbers_of(
+        &out,
+        corner_scans()
+            .enumerate()
+            .filter_map(|(number, scan)| (!(50..60).contains(&number)).then_some(scan)),
+    );
 }
 
 #[test]
@@ -208,9 +221,12 @@ fn stamps_that_jump_back_a_year_are_dropped_and_told() {
     let (ended, out) = bench.replay_corner(&recording, "back");
     let told = "scan 51 of /scan is stamped";
     ended.expect(0, &[told, "dropped until time goes on", "190 scans (10 dropped)"]);
-    bench.expect_numbers_of(&out, corner_scans().enumerate().filter_map(|(number, scan)| {
-        (!(50..60).contains(&number)).then_some(scan)
-    }));
+    bench.expect_numbers_of(
+        &out,
+        corner_scans()
+            .enumerate()
+            .filter_map(|(number, scan)| (!(50..60).contains(&number)).then_some(scan)),
+    );
     bench.replay(&recording).expect(0, &["190 scans (10 dropped)"]);
 }
 
@@ -225,7 +241,8 @@ fn a_stamp_that_jumps_ahead_a_year_is_refused_in_words() {
         scan
     });
     let recording = bench.recording("ahead.mcap", scans);
-    let words = ["ahead.mcap: scan 51 is stamped", "expected at most 24 h", "cut the recording there"];
+    let words =
+        ["ahead.mcap: scan 51 is stamped", "expected at most 24 h", "cut the recording there"];
     bench.replay_corner(&recording, "ahead").0.expect(1, &words);
     bench.replay(&recording).expect(1, &words);
 }

@@ -5,8 +5,7 @@ use super::support::{Ended, scratch, tog};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-const LASERS: [(&str, &str, [f64; 3]); 2] =
-    [("a", "/a", [0.0; 3]), ("b", "/b", [1.0, 0.0, 180.0])];
+const LASERS: [(&str, &str, [f64; 3]); 2] = [("a", "/a", [0.0; 3]), ("b", "/b", [1.0, 0.0, 180.0])];
 
 /// A right site file and its recording, to be made wrong.
 struct Bench {
@@ -79,9 +78,9 @@ fn wrong_toml_is_told_with_line_and_caret() {
 #[test]
 fn several_errors_are_told_at_once() {
     let bench = Bench::new();
-    let wrong = "columns = -3\nsize_cm = 4\nrows = \"many\"\n#";
-    let words = ["columns = -3", "size_cm", "rows = \"many\"", "3 errors"];
-    bench.refused("columns = 60", wrong, &words[..3]);
+    let wrong = "columns = -3\nsize_cm = 4\nscan_age_max_ms = \"old\"";
+    let words = ["columns = -3", "size_cm = 4", "scan_age_max_ms = \"old\"", "^", "3 errors"];
+    bench.refused("columns = 60", wrong, &words);
 }
 
 #[test]
@@ -98,12 +97,19 @@ fn a_prototype_of_wrong_length_is_told_with_the_line() {
 
 #[test]
 fn simulated_lasers_cannot_be_fed_from_a_recording() {
-    let bench = Bench::new();
-    let from = bench.text[bench.text.find("{ kind").unwrap()..].split('\n').next().unwrap();
-    let simulated = "{ kind = \"simulator\", scene = \"room\", seed = 1 }";
-    let ended = bench.with(from, simulated, "replay");
+    let recorded = Bench::new();
+    let lines = recorded.text.lines().map(|line| match line.starts_with("source = ") {
+        true => "source = { kind = \"simulator\", scene = \"room\", seed = 1 }\n".to_owned(),
+        false => format!("{line}\n"),
+    });
+    let bench = Bench { text: lines.collect(), ..recorded };
+    let ended = bench.with("made", "made", "replay");
     ended.expect(1, &["laser `a` of the site file is simulated, expected", "kind = \"replay\""]);
     assert!(!bench.scratch.path().join("out").exists(), "nothing is written");
+    let mixed = bench.text.find("{ kind").unwrap();
+    let from = bench.text[mixed..].lines().next().unwrap().to_owned();
+    let source = format!("{{ kind = \"replay\", recording = \"{}\" }}", bench.recording.display());
+    bench.refused(&from, &source, &["a site mixes replay and simulator", "^"]);
 }
 
 #[test]

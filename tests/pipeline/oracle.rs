@@ -9,8 +9,8 @@ use super::support::{scratch, shared, tog, watched};
 use std::path::Path;
 use std::process::Command;
 
-/// Every ROS 1 bag with scans, of a version that is read.
-const BAGS: [&str; 9] = [
+/// Every ROS 1 bag with scans.
+const BAGS: [&str; 10] = [
     "datmo/82c2bc_two_robots.bag",
     "leigh_leg_tracker/demo_stationary_simple_environment.bag",
     "leigh_leg_tracker/negative_2_first_30s.bag",
@@ -19,6 +19,7 @@ const BAGS: [&str; 9] = [
     "leigh_leg_tracker/positive_3.bag",
     "leigh_leg_tracker/positive_5.bag",
     "scan_tools/laser_scan_matcher_demo.bag",
+    "scan_tools/laser_scan_splitter_demo.bag",
     "tysik_two_laser/scans_demo.bag",
 ];
 

@@ -141,7 +141,6 @@ fn a_replay_of_one_row_a_second_is_a_selection_of_every_frame() {
         let at = all.iter().position(|other| other == number).unwrap();
         assert!(all_rows.bytes[at * cells..][..cells] == *row, "frame {number}");
     }
-    let totals =
-        [&every, &few].map(|out| Npy::read(&out.join("collapsed_counts.npy")).bytes);
+    let totals = [&every, &few].map(|out| Npy::read(&out.join("collapsed_counts.npy")).bytes);
     assert!(totals[0] == totals[1], "the counts hold every frame in both");
 }

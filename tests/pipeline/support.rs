@@ -76,7 +76,10 @@ pub fn watched(mut command: Command) -> Ended {
         told.recv_timeout(GRACE)
     });
     let said = output.map(|output| ended(output.unwrap()).said());
-    panic!("{command:?} hangs: not over after {WATCHDOG:?}; it said:\n{}", said.unwrap_or_default());
+    panic!(
+        "{command:?} hangs: not over after {WATCHDOG:?}; it said:\n{}",
+        said.unwrap_or_default()
+    );
 }
 
 fn ended(output: Output) -> Ended {
