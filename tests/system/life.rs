@@ -99,8 +99,8 @@ fn a_site_that_is_stopped_at_any_moment_leaves_nothing_even_if_its_processes_are
     let mut random = Random::from_environment();
     let rounds = if is_nightly() { 60 } else { 8 };
     let mut site = Site::start(ROOM);
+    site.wait_until("its first start", |_| Some(()));
     for _ in 0..rounds {
-        site.wait_until("its start", |_| Some(()));
         wait_for_any_moment(&site, &mut random);
         site.running().signal(Signal::TERM);
         let victims = processes_of(&site.run_dir);
@@ -108,8 +108,9 @@ fn a_site_that_is_stopped_at_any_moment_leaves_nothing_even_if_its_processes_are
             wait_for_any_moment(&site, &mut random);
             kill(victims[random.below(victims.len() as u64) as usize], Signal::KILL);
         }
+        // Before it listens to signals this one just ends it: then there is nothing yet.
         let (code, log) = site.wait_end();
-        assert_eq!(code, Some(0), "{log}");
+        assert!(code == Some(0) || code.is_none() && log.is_empty(), "{code:?}: {log}");
         site.start_again();
     }
     site.wait_until_frames_flow(10);
