@@ -144,6 +144,22 @@ fn a_supervisor_that_is_killed_at_any_moment_leaves_nothing_that_stops_the_next(
 }
 
 #[test]
+fn a_child_of_an_earlier_supervisor_does_not_join_the_run_of_the_next() {
+    let mut site = Site::start(ROOM);
+    let before = site.wait_until_frames_flow(5);
+    // As a supervisor would have started it that was killed in the same moment.
+    let mut orphan = tog(&site.run_root(), ["laser", "--instance"]);
+    orphan.arg(&site.run_dir).args(["--laser", "south"]).env(process::logging::SUPERVISED, "1");
+    let output = orphan.output().unwrap();
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{words}");
+    assert!(words.contains(&format!("process {} owns", site.running().pid())), "{words}");
+    let after = site.wait_until_frames_flow(5);
+    assert_eq!(pids(&after), pids(&before));
+    site.stop();
+}
+
+#[test]
 fn the_children_of_a_killed_supervisor_stop_by_themselves() {
     let mut site = Site::start(ROOM);
     site.wait_until_frames_flow(1);

@@ -76,6 +76,7 @@ impl Worker {
         descriptors::raise_limit();
         let events = EventLoop::new()?;
         let instance = Instance::load(run_dir)?;
+        refuse_orphans(&instance)?;
         let site = instance.site()?;
         if !Role::all(&site).contains(&role) {
             let name = &site.name;
@@ -145,6 +146,20 @@ pub fn run(
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+/// Who was started by a supervisor that was killed at once may find the instance of the next one. It
+/// must not join: that one has started a process of its own for the same role.
+fn refuse_orphans(instance: &Instance) -> Result<(), Failure> {
+    let parent = rustix::process::getppid().map_or(0, |pid| pid.as_raw_nonzero().get() as u32);
+    if std::env::var_os(logging::SUPERVISED).is_none() || parent == instance.owner_pid {
+        return Ok(());
+    }
+    Err(Failure::Failed(format!(
+        "the supervisor that started this process is gone, and process {} owns {} now",
+        instance.owner_pid,
+        instance.run_dir.display()
+    )))
 }
 
 /// The name that `ps -e` and `top` show: `tog-fusion`. The arguments say the rest.
