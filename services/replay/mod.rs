@@ -103,7 +103,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     site.as_ref().map_or(Ok(()), all_replayed)?;
     let recording = Recording::open(&arguments.recording)?;
     eprintln!("tog: reading {}", arguments.recording.display());
-    let index = RecordingIndex::scan(&recording, |_| Pose::default())?;
+    let index = RecordingIndex::scan(&recording, |_| site.is_none().then(Pose::default))?;
     report_contents(&index);
     let site = match site {
         Some(site) => site,

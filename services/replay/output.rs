@@ -4,6 +4,7 @@ use super::{ReplayError, write_error};
 use crate::pipeline::Pipeline;
 use figures::{ClassShare, EventMark, LaserMark, Options, OverviewMap, ShareMap};
 use protocol::event::{EventChange, EventState};
+use protocol::grid::ClassName;
 use protocol::site::Laser;
 use serde_json::json;
 use std::fs::File;
@@ -149,24 +150,38 @@ pub fn write_pictures(
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
     let subtitle = format!("{name}: up to {observed_s:.0} s of classified time a cell");
     let options = Options::default();
-    let write = |name: String, png: Vec<u8>| {
-        let path = directory.join(name);
+    let write = |name: &str, png: Vec<u8>| {
+        let path = directory.join(format!("{name}.png"));
         std::fs::write(&path, png).map_err(write_error(&path))
     };
-    for (class, share) in names.iter().zip(&shares) {
+    let write_share = |(class, share): (&ClassName, &Vec<f32>)| {
         let map = ShareMap {
             grid: area.grid(),
             share: share.clone(),
             title: format!("{}: share of `{}`", area.id, class.name),
             subtitle: subtitle.clone(),
         };
-        write(format!("{}.png", class.name), figures::class_share(&map, &marks, &options)?)?;
-    }
-    let classes = names
-        .iter()
-        .zip(shares)
-        .map(|(class, share)| ClassShare { id: class.id, name: class.name.clone(), share })
-        .collect();
-    let map = OverviewMap { grid: area.grid(), classes, title: area.id.clone(), subtitle };
-    write("overview.png".to_owned(), figures::overview(&map, &marks, events, &options)?)
+        write(&class.name, figures::class_share(&map, &marks, &options)?)
+    };
+    let write_overview = || {
+        let class = |(class, share): (&ClassName, &Vec<f32>)| ClassShare {
+            id: class.id,
+            name: class.name.clone(),
+            share: share.clone(),
+        };
+        let map = OverviewMap {
+            grid: area.grid(),
+            classes: names.iter().zip(&shares).map(class).collect(),
+            title: area.id.clone(),
+            subtitle: subtitle.clone(),
+        };
+        write("overview", figures::overview(&map, &marks, events, &options)?)
+    };
+    // The pictures of the classes beside the overview: each half takes as long as the other.
+    std::thread::scope(|threads| {
+        let overview = threads.spawn(write_overview);
+        let shares = names.iter().zip(&shares).try_for_each(write_share);
+        let overview = overview.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        shares.and(overview)
+    })
 }

@@ -6,6 +6,7 @@
 //! | `oracle` | a program that shares no code with us agrees on every number |
 //! | `bad_recordings`, `bad_sites` | words and an exit code, or a drop that is counted and told |
 //! | `cli` | every verb explains itself |
+//! | `golden` | a made recording as a picture in letters, to be read by people |
 //! | `demo` | `tog demo` alarms, ends, and leaves nothing |
 //! | `support` | runs the binary under a watchdog; reads what it wrote |
 //! | `made` | recordings made by the letter, good and bad |
@@ -14,6 +15,7 @@ mod bad_recordings;
 mod bad_sites;
 mod cli;
 mod demo;
+mod golden;
 mod made;
 mod oracle;
 mod same_numbers;

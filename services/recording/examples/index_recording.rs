@@ -12,7 +12,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scans = recording.scans().filter(Result::is_ok).count();
     println!("{scans} scans read in {:.3} s", begin.elapsed().as_secs_f64());
     let begin = Instant::now();
-    let index = RecordingIndex::scan(&recording, |_| Pose::default())?;
+    let index = RecordingIndex::scan(&recording, |_| Some(Pose::default()))?;
     println!("the index took {:.3} s", begin.elapsed().as_secs_f64());
     for topic in &index.topics {
         println!(

@@ -145,6 +145,19 @@ impl Extent {
     }
 }
 
+/// How many readings of a scan are (no return, invalid).
+pub(crate) fn silent(scan: &LaserScan) -> [u64; 2] {
+    let mut silent = [0; 2];
+    for range_m in &scan.ranges_m {
+        match reading(*range_m, &scan.geometry) {
+            Reading::NoReturn => silent[0] += 1,
+            Reading::Invalid => silent[1] += 1,
+            Reading::Echo(_) => {}
+        }
+    }
+    silent
+}
+
 /// `cells * cell_m` as a person would write it: -32 * 0.1 is -3.2 and not -3.2000000000000002, if
 /// the cell is a whole fraction of a metre.
 fn lattice_m(cells: f64, cell_m: f64) -> f64 {

@@ -12,7 +12,7 @@ use recording::{
 };
 
 fn index(path: &std::path::Path) -> RecordingIndex {
-    RecordingIndex::scan(&Recording::open(path).unwrap(), |_| Pose::default()).unwrap()
+    RecordingIndex::scan(&Recording::open(path).unwrap(), |_| Some(Pose::default())).unwrap()
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn every_real_bag_is_read_to_its_end() {
         let Some(path) = shared(name) else { return };
         if topics.is_empty() {
             let recording = Recording::open(&path).unwrap();
-            let error = RecordingIndex::scan(&recording, |_| Pose::default()).unwrap_err();
+            let error = RecordingIndex::scan(&recording, |_| Some(Pose::default())).unwrap_err();
             assert!(error.to_string().contains("holds no laser scans: it is empty"), "{error}");
             continue;
         }
