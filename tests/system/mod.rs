@@ -1,4 +1,15 @@
 //! Faults: whatever is killed, stopped, full or left over, the site goes on, or says why not.
+//!
+//! | where | what is broken |
+//! |---|---|
+//! | `life` | start, stop, the second instance, a supervisor that is killed and what it leaves |
+//! | `kills` | SIGKILL: each service in turn, and anybody at any moment |
+//! | `hang` | processes that do not answer |
+//! | `events`, `feed` | who tells is killed while there is something to tell |
+//! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
+//!
+//! `TOG_NIGHTLY=1` runs the long variants (400 kills: five minutes), `TOG_SEED=n` other moments. The full
+//! disk needs the right to mount, else that test says that it is skipped.
 
 mod damage;
 mod disk;
