@@ -72,6 +72,7 @@ fn prepare(arguments: &Demo) -> Result<(Site, Scratch), DemoError> {
     // Every demo is a site of its own, so that two can run on one host.
     let text = SITE
         .replace("name = \"demo\"", &format!("name = \"demo-{pid}\""))
+        .replace("scene = \"foyer\"", "scene = \"foyer.toml\"")
         .replace("seed = 1", &format!("seed = {}", arguments.seed));
     let path = scratch.0.join("demo.toml");
     write(path.clone(), &text)?;
