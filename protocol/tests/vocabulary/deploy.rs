@@ -40,7 +40,7 @@ fn every_shipped_site_file_is_read_without_a_warning() {
 fn the_foyer_has_a_night_of_its_own_and_one_laser() {
     let site = named("foyer.toml");
     let area = &site.areas[site.area_index("foyer").unwrap()];
-    assert_eq!((area.grid().columns, area.grid().rows), (150, 105));
+    assert_eq!((area.grid().columns, area.grid().rows), (151, 106));
     assert_eq!(area.context_names(), ["always", "night"]);
     let night = &area.contexts[0];
     assert_eq!((night.from_minute(), night.to_minute()), (22 * 60, 6 * 60));
@@ -76,7 +76,7 @@ fn a_simulated_site_has_the_geometry_of_its_scene() {
             compared += 1;
         }
     }
-    assert_eq!(compared, 5);
+    assert_eq!(compared, 6);
 }
 
 #[test]
