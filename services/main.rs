@@ -11,6 +11,7 @@ mod site_file;
 use clap::Parser;
 use cli::{Alerts, AlertsVerb, Cli, Verb, Worker};
 use process::{Role, exit};
+use std::io::Write as _;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -56,6 +57,7 @@ fn serve(
 
 /// Says why nothing more can be done.
 fn fail(code: u8, reason: impl std::fmt::Display) -> ExitCode {
-    eprintln!("tog: {reason}");
+    // Nobody may be there to read it any more.
+    let _ = writeln!(std::io::stderr(), "tog: {reason}");
     ExitCode::from(code)
 }

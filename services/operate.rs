@@ -7,6 +7,7 @@ use process::plan::Plan;
 use process::{EventLoop, Role, exit};
 use protocol::site::Site;
 use serde_json::json;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -73,14 +74,14 @@ pub fn status(arguments: &Status) -> ExitCode {
         Ok(report) => report,
         Err(error) => return fail(exit::FAILED, error),
     };
-    match arguments.format {
-        Format::Text => print!("{}", report.table()),
+    let text = match arguments.format {
+        Format::Text => report.table(),
         Format::Json => match serde_json::to_string_pretty(&report) {
-            Ok(text) => println!("{text}"),
+            Ok(text) => text + "\n",
             Err(error) => return fail(exit::FAILED, error),
         },
-    }
-    ExitCode::from(if report.is_healthy() { exit::OK } else { exit::FAILED })
+    };
+    write_out(&text, if report.is_healthy() { exit::OK } else { exit::FAILED })
 }
 
 /// `tog alerts list`.
@@ -142,8 +143,8 @@ pub fn check(arguments: &Check) -> ExitCode {
         Err(code) => return code,
     };
     let (plan, roles) = (Plan::new(&site), Role::all(&site));
-    match arguments.format {
-        Format::Text => print_plan(&site, &plan, &roles),
+    let text = match arguments.format {
+        Format::Text => plan_text(&site, &plan, &roles),
         Format::Json => {
             let topic = |topic: &process::plan::TopicPlan| {
                 json!({
@@ -159,27 +160,38 @@ pub fn check(arguments: &Check) -> ExitCode {
                 "topics": plan.topics.iter().map(topic).collect::<Vec<_>>(),
                 "shared_memory_bytes_max": plan.bytes_max(),
             });
-            println!("{report:#}");
+            format!("{report:#}\n")
         }
-    }
-    ExitCode::from(exit::OK)
+    };
+    write_out(&text, exit::OK)
 }
 
-fn print_plan(site: &Site, plan: &Plan, roles: &[Role]) {
-    println!("{}: right. `tog run` would start {} processes:", site.name, roles.len());
-    for role in roles {
-        println!("  {role}");
-    }
-    println!("{} topics in shared memory, in the worst case:", plan.topics.len());
-    for topic in &plan.topics {
+fn plan_text(site: &Site, plan: &Plan, roles: &[Role]) -> String {
+    let mut lines =
+        vec![format!("{}: right. `tog run` would start {} processes:", site.name, roles.len())];
+    lines.extend(roles.iter().map(|role| format!("  {role}")));
+    lines.push(format!("{} topics in shared memory, in the worst case:", plan.topics.len()));
+    lines.extend(plan.topics.iter().map(|topic| {
         let megabytes = topic.bytes_max() as f64 / 1e6;
-        println!("  {:<24} {megabytes:>9.1} MB, {} publishers", topic.name, topic.publishers);
-    }
-    println!("  {:<24} {:>9.1} MB", "all", plan.bytes_max() as f64 / 1e6);
+        let plural = if topic.publishers == 1 { "" } else { "s" };
+        format!("  {:<24} {megabytes:>9.1} MB, {} publisher{plural}", topic.name, topic.publishers)
+    }));
+    lines.push(format!("  {:<24} {:>9.1} MB\n", "all", plan.bytes_max() as f64 / 1e6));
+    lines.join("\n")
 }
 
 /// `tog schema`.
 pub fn schema() -> ExitCode {
-    println!("{:#}", Site::json_schema());
-    ExitCode::from(exit::OK)
+    write_out(&format!("{:#}\n", Site::json_schema()), exit::OK)
+}
+
+/// Writes to stdout and ends with `code`. A reader that goes away (`| head`) is no error.
+fn write_out(text: &str, code: u8) -> ExitCode {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            fail(exit::FAILED, format_args!("cannot write the output: {error}"))
+        }
+        _ => ExitCode::from(code),
+    }
 }
