@@ -6,6 +6,7 @@
 use crate::wire::{ENVELOPE_BYTES, Envelope, header};
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Most beams of a scan: 0.0879 degrees over a full turn; the finest planar lasers have 2 880 to 3 600.
 pub const BEAMS_MAX: usize = 4096;
@@ -22,6 +23,20 @@ pub struct ScanGeometry {
     pub range_min_m: f64,
     /// A reading at or above this is "no return", metres.
     pub range_max_m: f64,
+}
+
+/// As a person reads it: `from -90.000 deg every 0.5000 deg, 0.020 to 8.000 m`.
+impl fmt::Display for ScanGeometry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "from {:.3} deg every {:.4} deg, {:.3} to {:.3} m",
+            self.angle_min_rad.to_degrees(),
+            self.angle_increment_rad.to_degrees(),
+            self.range_min_m,
+            self.range_max_m
+        )
+    }
 }
 
 impl ScanGeometry {
@@ -42,7 +57,7 @@ impl ScanGeometry {
                 .iter()
                 .all(|value| value.is_finite());
         if !finite {
-            return Err(format!("scan geometry holds a number that is not finite: {self:?}"));
+            return Err(format!("scan geometry holds a number that is not finite: {self}"));
         }
         if self.angle_increment_rad == 0.0 || self.angle_increment_rad.abs() > 1.0 {
             return Err(format!(

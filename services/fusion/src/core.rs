@@ -40,8 +40,8 @@ pub enum ScanRefused {
     Geometry(String),
     /// Other beams than before.
     #[error(
-        "the laser changed its beams: found {found_beams} beams from {found:?}, expected \
-         {expected_beams} from {expected:?} as at the start; its scans are dropped until this area \
+        "the laser changed its beams: found {found_beams} beams {found}, expected \
+         {expected_beams} {expected} as at the start; its scans are dropped until this area \
          is restarted"
     )]
     GeometryChanged {

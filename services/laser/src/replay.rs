@@ -122,12 +122,12 @@ impl ReplaySource {
         }
         if after.geometry_changes > before.geometry_changes && is_told(after.geometry_changes) {
             let (found, beams) = (scan.geometry, scan.ranges_m.len());
+            let (first, first_beams) = self.gate.first_geometry().unwrap_or_default();
             self.note(
                 "geometry_changed",
                 format!(
-                    "scan {number} of {topic} has {beams} beams, {found:?}, expected {:?} as in the \
-                     first scan: dropped until the geometry is back",
-                    self.gate.first_geometry()
+                    "scan {number} of {topic} has {beams} beams {found}; expected {first_beams} beams \
+                     {first} as in the first scan: dropped until the geometry is back"
                 ),
             );
         }

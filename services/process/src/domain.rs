@@ -14,7 +14,6 @@ use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, wipe};
 use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::BusError;
-use crate::state_lock::{StateLock, StateTaken};
 use iceoryx2::prelude::{Node, ipc};
 use protocol::site::{Pace, Site, Source};
 use rustix::fs::{FlockOperation, flock};
@@ -35,7 +34,7 @@ pub enum OwnerError {
     /// Another owner lives.
     #[error(
         "the site {site} already runs: process {pid} owns {run_dir}. Stop it first (Ctrl-C, or \
-         `kill {pid}`), or give a second one a name and a `state_dir` of its own"
+         `kill {pid}`), or set TOG_RUN_DIR for a second instance"
     )]
     AlreadyRuns {
         /// The site's name.
@@ -66,9 +65,6 @@ pub enum OwnerError {
         /// What the system says.
         source: std::io::Error,
     },
-    /// Another site, or `tog learn`, writes the state directory.
-    #[error(transparent)]
-    StateTaken(#[from] StateTaken),
     /// The run directory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
@@ -99,7 +95,6 @@ pub struct Owner {
     factories: Vec<KeptAlive>,
     node: Option<Node<ipc::Service>>,
     lock: File,
-    state_lock: Option<StateLock>,
 }
 
 impl Owner {
@@ -139,15 +134,8 @@ impl Owner {
             run_dir,
         };
         // From here on, whatever fails: dropping the owner removes what it made.
-        let mut owner = Self {
-            instance,
-            site: site.clone(),
-            factories: Vec::new(),
-            node: None,
-            lock,
-            state_lock: None,
-        };
-        owner.state_lock = Some(StateLock::take(&owner.instance.state_dir)?);
+        let mut owner =
+            Self { instance, site: site.clone(), factories: Vec::new(), node: None, lock };
         kill_recorded(&owner.instance.children_file());
         wipe(&owner.instance);
         check_budget(topics.iter().map(TopicPlan::bytes_max).fold(0, u64::saturating_add))?;

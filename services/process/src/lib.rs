@@ -54,7 +54,6 @@
 //! | [`loss`], [`credit`] | pure: what was lost, what may be sent |
 //! | [`plan`], [`role`] | pure: topics and processes of a site |
 //! | [`instance`], [`domain`] | the run directory, and who owns it |
-//! | [`state_lock`] | who writes the state directory |
 //! | [`clock`], [`latency`], [`health`], [`logging`] | time, how we are, what we say |
 
 pub mod bus;
@@ -75,7 +74,6 @@ pub mod plan;
 pub mod ports;
 pub mod publisher;
 pub mod role;
-pub mod state_lock;
 pub mod subscriber;
 pub mod worker;
 
@@ -90,6 +88,5 @@ pub use loss::Losses;
 pub use ports::{BusError, Element};
 pub use publisher::{Loan, Publisher};
 pub use role::Role;
-pub use state_lock::StateLock;
 pub use subscriber::{Sample, Subscriber};
 pub use worker::{Failure, Worker, exit, run};
