@@ -158,7 +158,7 @@ impl Service {
                 Ok(bytes) => {
                     self.lines.take(&buffer[..bytes], |line| output.line(index, name, line));
                 }
-                Err(_) => return, // empty for now
+                Err(_) => return, // nothing more to read until the next wake
             }
         }
     }
