@@ -110,7 +110,8 @@ pub fn wait_until_all_is_journaled(site: &mut Site) {
     });
 }
 
-/// Nothing is missing, nothing is there twice, and every event has a beginning and at most one end.
+/// Nothing is missing, nothing is there twice, and every event has one beginning; what has ended ends
+/// again only after it came back.
 pub fn assert_whole(rows: &[(u64, EventChange)]) {
     let mut next = BTreeMap::<&str, u64>::new();
     let mut stories = BTreeMap::<&str, Vec<EventState>>::new();
@@ -122,10 +123,10 @@ pub fn assert_whole(rows: &[(u64, EventChange)]) {
         stories.entry(&change.id).or_default().push(change.state);
     }
     for (id, story) in stories {
-        let is_updated = |state: &EventState| *state == EventState::Updated;
         let (first, rest) = story.split_first().unwrap();
         assert_eq!(*first, EventState::Raised, "{id}: {story:?}");
-        let end = rest.iter().position(|state| !is_updated(state)).unwrap_or(rest.len());
-        assert!(rest[end..].is_empty() || rest[end..] == [EventState::Cleared], "{id}: {story:?}");
+        assert!(!rest.contains(&EventState::Raised), "{id}: {story:?}");
+        let cleared_twice = [EventState::Cleared, EventState::Cleared];
+        assert!(!story.windows(2).any(|pair| pair == cleared_twice), "{id}: {story:?}");
     }
 }

@@ -89,9 +89,18 @@ fn a_killed_mapper_loses_no_count_of_its_last_checkpoint() {
         let gone_on = |line: &&String| line.contains("mapper room") && line.contains("goes on");
         assert!(site.log().all().iter().any(|line| gone_on(&line)), "{}", site.log().text());
     }
-    let mark = checkpoint_of(&site);
     site.stop();
-    assert!(last_number(&checkpoint_of(&site)) > last_number(&mark), "the end is written as well");
+}
+
+#[test]
+fn a_mapper_that_is_asked_to_stop_writes_what_it_has_counted() {
+    let mut site = Site::start(&ROOM.replace("checkpoint_s = 1", "checkpoint_s = 3600"));
+    let path = checkpoint_path(&site.dir.join("state"), "room");
+    // Frames are counted from half of the longest timescale on.
+    site.wait_until_frames_flow(40);
+    assert!(!path.exists(), "the first is due in an hour");
+    site.stop();
+    assert!(checkpoint_of(&site).contexts[0].1.iter().sum::<u64>() > 0);
 }
 
 /// Kills anybody at any moment, start-up included.

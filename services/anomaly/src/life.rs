@@ -1,7 +1,8 @@
 //! The life of happenings: candidate -> raised -> updated -> cleared.
 //!
-//! A region belongs to the happening that is nearest, within [`MERGE_M`] and [`MERGE_NS`]; else it is
-//! a candidate. A candidate that stays above its level for [`Life::persist_frames`] frames is raised. A
+//! A region belongs to the told happening that is nearest, within [`MERGE_M`] and [`MERGE_NS`]; else to
+//! the nearest candidate; else it is one. What was open when the process ended may have walked on since
+//! its last change: until it is seen again it reaches as far as somebody walks in that time. A candidate that stays above its level for [`Life::persist_frames`] frames is raised. A
 //! happening lives while a region reaches [`OFF`] of the level, and is cleared [`QUIET_NS`] after the last
 //! one. What comes back within [`MERGE_NS`] is the same happening: it is *updated*, so that after a
 //! `cleared` an `updated` opens it again; the last change tells how it stands.
@@ -17,6 +18,10 @@ pub(crate) const OFF: f64 = 0.7;
 pub(crate) const QUIET_NS: u64 = 10 * SECOND_NS;
 const MERGE_NS: u64 = 60 * SECOND_NS;
 const MERGE_M: f64 = 2.0;
+/// How fast people walk on while nobody looks, metres a second, and for how long that is believed: a
+/// move of [`MOVED_M`] is told after [`UPDATE_NS`] at the latest, so a last change is not much older.
+const WALK_M_S: f64 = 1.5;
+const WALKED_ON_NS: u64 = UPDATE_NS;
 /// Least time between two updates that do not change the kind.
 const UPDATE_NS: u64 = 10 * SECOND_NS;
 /// An update is worth telling if the place moved by this, metres, or the score grew by this.
@@ -74,6 +79,8 @@ pub(crate) struct Happening {
     told_m: [f64; 2],
     told_ratio: f64,
     quiet_ns: u64,
+    /// How far it may have walked while nobody looked, metres; 0 once it was seen.
+    unwatched_m: f64,
 }
 
 /// Levels of both tests.
@@ -141,6 +148,7 @@ impl Life {
             told_ratio: change.score / change.threshold.max(1e-9),
             // Charges start anew: what only the time test sees needs a minute to show again.
             quiet_ns: MERGE_NS,
+            unwatched_m: 0.0,
         });
     }
 
@@ -165,7 +173,7 @@ impl Life {
     ) {
         self.shares.clear();
         for resumed in self.happenings.iter_mut().filter(|known| known.seen_ns == NOT_YET) {
-            resumed.seen_ns = stamp_ns;
+            resumed.resume(stamp_ns);
         }
         for region in regions {
             self.assign(stamp_ns, region, levels);
@@ -210,11 +218,11 @@ impl Life {
             .iter()
             .enumerate()
             .filter(|(_, known)| stamp_ns.saturating_sub(known.seen_ns) <= MERGE_NS)
-            .map(|(index, known)| (index, gap_m(bounds, known.bounds)))
-            .filter(|(_, gap)| *gap <= MERGE_M)
-            .min_by(|a, b| a.1.total_cmp(&b.1));
+            .map(|(index, known)| (index, known, gap_m(bounds, known.bounds)))
+            .filter(|(_, known, gap)| *gap <= MERGE_M + known.unwatched_m)
+            .min_by(|a, b| a.1.is_candidate().cmp(&b.1.is_candidate()).then(a.2.total_cmp(&b.2)));
         let owner = match nearest {
-            Some((index, _)) => index,
+            Some((index, _, _)) => index,
             None if ratio < 1.0 => return,
             None if self.happenings.len() >= HAPPENINGS_MAX => {
                 self.dropped += 1;
@@ -259,6 +267,20 @@ impl Happening {
             told_m: centre_m,
             told_ratio: 0.0,
             quiet_ns: QUIET_NS,
+            unwatched_m: 0.0,
+        }
+    }
+
+    fn is_candidate(&self) -> bool {
+        matches!(self.stage, Stage::Candidate(_))
+    }
+
+    /// The first frame after a restart.
+    fn resume(&mut self, stamp_ns: u64) {
+        self.seen_ns = stamp_ns;
+        if rank(self.kind) < rank(EventKind::ObjectLeft) {
+            let unwatched_ns = stamp_ns.saturating_sub(self.told_ns).min(WALKED_ON_NS);
+            self.unwatched_m = WALK_M_S * unwatched_ns as f64 / SECOND_NS as f64;
         }
     }
 
@@ -276,6 +298,7 @@ impl Happening {
         stamp_ns: u64,
     ) {
         self.seen_ns = stamp_ns;
+        self.unwatched_m = 0.0;
         self.bounds = share.bounds;
         self.trail = union(self.trail, share.bounds);
         self.centre_m = point_m(grid, share.best.centre);
@@ -396,3 +419,7 @@ fn rank(kind: EventKind) -> u8 {
         _ => 3,
     }
 }
+
+#[cfg(test)]
+#[path = "life_tests.rs"]
+mod tests;
