@@ -97,7 +97,8 @@ occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per
 Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the
 laser at (0, 0): a recording does not say how its lasers are mounted.
 
-Exit code 0: replayed to the end. 1: refused, or the recording is cut (what came before is written).")]
+Exit code 0: replayed to the end. 1: refused; or the recording is cut, or most scans of a laser had to
+be dropped (what was replayed is written).")]
 /// Arguments of `tog replay`.
 pub struct Replay {
     /// The recording: MCAP (ROS 2 LaserScan) or ROS 1 bag.

@@ -33,6 +33,9 @@ pub enum LearnError {
         /// The laser.
         laser: String,
     },
+    /// The site runs.
+    #[error(transparent)]
+    StateTaken(#[from] process::state_lock::StateTaken),
     /// What was learnt cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -73,6 +76,7 @@ pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<(), LearnError> {
     let state_dir = base_dir.join(&site.state_dir);
     fs::create_dir_all(&state_dir)
         .map_err(|source| LearnError::Write { path: state_dir.clone(), source })?;
+    let _lock = process::StateLock::take(&state_dir)?;
     for area_index in 0..site.areas.len() {
         let mut pipeline = Pipeline::new(site, area_index)?;
         let detector = &pipeline.area.detector;

@@ -127,6 +127,29 @@ impl AreaRun {
         self.cut.take()
     }
 
+    /// The lasers whose recording was mostly dropped, each with a sentence: a map made of the rest says
+    /// little.
+    pub fn mostly_dropped(&self) -> Vec<String> {
+        let lanes = self.pipeline.lasers.iter().zip(&self.lanes);
+        let mostly = lanes.filter_map(|(laser, lane)| {
+            let counts = lane.source.counts();
+            let dropped = counts.dropped_out_of_order + counts.dropped_geometry + counts.refused;
+            let (id, passed) = (&laser.id, counts.scans);
+            (dropped > passed).then(|| {
+                format!(
+                    "laser {id}: only {passed} of {} scans were used: {} came out of order or before \
+                     the first, {} have other beams than the first, {} were refused. If the first \
+                     scan is the odd one, cut it off the recording",
+                    passed + dropped,
+                    counts.dropped_out_of_order,
+                    counts.dropped_geometry,
+                    counts.refused,
+                )
+            })
+        });
+        mostly.collect()
+    }
+
     /// A line about what was done.
     pub fn summary(&self) -> String {
         let area = &self.pipeline.area;

@@ -82,13 +82,20 @@ fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ReplayError + '_ {
 struct Outcome {
     /// Why the recording ended before its end, if it did; what came before is written.
     cut: Option<laser::source::SourceError>,
+    /// Lasers whose scans were mostly dropped, in words.
+    mostly_dropped: Vec<String>,
 }
 
 /// Runs `tog replay`.
 pub fn main(arguments: &Replay) -> ExitCode {
     match run(arguments) {
-        Ok(Outcome { cut: None }) => ExitCode::from(exit::OK),
-        Ok(Outcome { cut: Some(cut) }) => {
+        Ok(Outcome { cut: None, mostly_dropped }) if mostly_dropped.is_empty() => {
+            ExitCode::from(exit::OK)
+        }
+        Ok(Outcome { cut: None, mostly_dropped }) => {
+            fail(exit::FAILED, mostly_dropped.join("\ntog: "))
+        }
+        Ok(Outcome { cut: Some(cut), .. }) => {
             fail(exit::FAILED, format_args!("{cut}; what came before is replayed and written"))
         }
         Err(error @ ReplayError::SiteFile(_)) => fail(exit::BAD_CONFIG, error),
@@ -115,7 +122,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     }
 
     let several = site.areas.len() > 1;
-    let mut cut = None;
+    let (mut cut, mut mostly_dropped) = (None, Vec::new());
     for (area_index, sources) in sources.into_iter().enumerate() {
         let area = &site.areas[area_index];
         let directory = if several { arguments.out.join(&area.id) } else { arguments.out.clone() };
@@ -130,10 +137,11 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
         cut = run.take_cut().or(cut);
+        mostly_dropped.extend(run.mostly_dropped());
         run.finish(&arguments.recording)?;
         eprintln!("tog: results of area {} are in {}", area.id, directory.display());
     }
-    Ok(Outcome { cut })
+    Ok(Outcome { cut, mostly_dropped })
 }
 
 /// Refuses a site with a laser that no recording can feed.

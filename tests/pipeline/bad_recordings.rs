@@ -208,6 +208,25 @@ fn other_beams_in_mid_stream_are_dropped_and_told() {
 }
 
 #[test]
+fn a_recording_whose_first_scan_is_the_odd_one_does_not_pass_for_replayed() {
+    let bench = Bench::new();
+    let odd_beams = corner_scans().enumerate().map(|(number, mut scan)| {
+        scan.ranges_m.truncate(if number == 0 { 91 } else { BEAMS });
+        scan
+    });
+    let recording = bench.recording("odd_beams.mcap", odd_beams);
+    let (ended, _) = bench.replay_corner(&recording, "odd_beams");
+    ended.expect(1, &["only 1 of 200 scans were used", "199 have other beams than the first"]);
+    let odd_stamp = corner_scans().enumerate().map(|(number, mut scan)| {
+        scan.stamp_ns += if number == 0 { 3600 * SECOND_NS } else { 0 };
+        scan
+    });
+    let recording = bench.recording("odd_stamp.mcap", odd_stamp);
+    let (ended, _) = bench.replay_corner(&recording, "odd_stamp");
+    ended.expect(1, &["only 1 of 200 scans were used", "199 came out of order"]);
+}
+
+#[test]
 fn stamps_that_jump_back_a_year_are_dropped_and_told() {
     let bench = Bench::new();
     let scans = (0..SCANS).map(|number| {

@@ -9,6 +9,7 @@ use crate::watch::Watch;
 use protocol::event::EventChange;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// Largest file that is read: 4 Mi cells with all contexts and classes are below 2 GiB, a file beyond
@@ -87,8 +88,11 @@ fn beside(path: &Path, suffix: &str) -> PathBuf {
     name.into()
 }
 
-/// Writes a file beside the old one, syncs it, and renames it.
+/// Writes a file beside the old one, syncs it, and renames it. Makes the directory if it is gone.
 fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent)?;
+    }
     let new = beside(path, ".new");
     let written = File::create(&new).and_then(|mut file| {
         file.write_all(bytes)?;
@@ -102,6 +106,11 @@ fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
         Some(parent) => File::open(parent)?.sync_all(),
         None => Ok(()),
     }
+}
+
+/// True if nobody can find the file any more: what is written to it is gone with us.
+fn is_removed(file: &File) -> bool {
+    file.metadata().is_ok_and(|found| found.nlink() == 0)
 }
 
 /// An outbox and its file.
@@ -157,6 +166,10 @@ impl OutboxFile {
                 Ok(more) => bytes.extend(more),
                 Err(reason) => refused = Some(reason),
             }
+        }
+        // Whoever removed the directory while we ran did not mean what is in it: it is written anew.
+        if self.file.as_ref().is_some_and(is_removed) {
+            self.file = None;
         }
         let Some(file) = &mut self.file else { return self.mend() };
         if let Err(error) = file.write_all(&bytes) {
@@ -291,6 +304,20 @@ mod tests {
         let (file, words) = OutboxFile::open(dir.path(), "hall", 9).unwrap();
         assert_eq!((words, file.outbox().last_sequence()), (None, 2));
         assert_eq!(names(dir.path()), ["hall.outbox", "hall.outbox.damaged-8"]);
+    }
+
+    #[test]
+    fn an_outbox_whose_directory_is_removed_is_written_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let state = dir.path().join("state");
+        fs::create_dir(&state).unwrap();
+        let (mut file, _) = OutboxFile::open(&state, "hall", 1).unwrap();
+        file.append(&[change(1)]).unwrap();
+        fs::remove_dir_all(&state).unwrap();
+        file.append(&[change(2)]).unwrap();
+        drop(file);
+        let (again, words) = OutboxFile::open(&state, "hall", 2).unwrap();
+        assert_eq!((again.outbox().unacknowledged().count(), words), (2, None));
     }
 
     #[test]

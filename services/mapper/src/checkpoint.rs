@@ -132,6 +132,9 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
     let failed =
         |action| move |source| CheckpointError::Io { action, path: path.to_owned(), source };
     let beside = path.with_extension("map.writing");
+    if let Some(directory) = path.parent() {
+        fs::create_dir_all(directory).map_err(failed("create the directory of"))?;
+    }
     let mut file = File::create(&beside).map_err(failed("create"))?;
     file.write_all(bytes).and_then(|()| file.sync_all()).map_err(failed("write"))?;
     fs::rename(&beside, path).map_err(failed("replace"))?;

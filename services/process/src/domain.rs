@@ -10,10 +10,12 @@ use crate::clock::{Clock, monotonic_ns, wall_ns};
 use crate::descriptors;
 use crate::event_loop::EventLoop;
 use crate::instance::{Instance, InstanceError, RUN_DIR_BYTES_MAX, make_private_dir};
-use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, wipe};
+use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, shared_memory_of, wipe};
+use crate::name_lock::{NameLock, NameTaken};
 use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::BusError;
+use crate::state_lock::{StateLock, StateTaken};
 use iceoryx2::prelude::{Node, ipc};
 use protocol::site::{Pace, Site, Source};
 use rustix::fs::{FlockOperation, flock};
@@ -34,7 +36,7 @@ pub enum OwnerError {
     /// Another owner lives.
     #[error(
         "the site {site} already runs: process {pid} owns {run_dir}. Stop it first (Ctrl-C, or \
-         `kill {pid}`), or set TOG_RUN_DIR for a second instance"
+         `kill {pid}`), or give a second one a name and a `state_dir` of its own"
     )]
     AlreadyRuns {
         /// The site's name.
@@ -65,6 +67,9 @@ pub enum OwnerError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// Another site, or `tog learn`, writes the state directory.
+    #[error(transparent)]
+    StateTaken(#[from] StateTaken),
     /// The run directory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
@@ -95,6 +100,10 @@ pub struct Owner {
     factories: Vec<KeptAlive>,
     node: Option<Node<ipc::Service>>,
     lock: File,
+    _name: NameLock,
+    state_lock: Option<StateLock>,
+    /// What must be there for workers to open: files that were made here.
+    made: Vec<PathBuf>,
 }
 
 impl Owner {
@@ -120,6 +129,21 @@ impl Owner {
         let base_dir = absolute(&options.base_dir)?;
         let out_dir = options.out_dir.as_deref().map(absolute).transpose()?;
         let lock = take_lock(&site.name, &run_dir)?;
+        let name = NameLock::take(&prefix_of(&run_dir)).map_err(|taken| {
+            // Our lock in a directory that its owner has lost: nobody else shall take it for theirs.
+            let _ = fs::remove_file(run_dir.join("lock"));
+            let _ = fs::remove_dir(&run_dir);
+            match taken {
+                NameTaken::Process(pid) => OwnerError::AlreadyRuns {
+                    site: site.name.clone(),
+                    pid,
+                    run_dir: run_dir.clone(),
+                },
+                NameTaken::Io(source) => {
+                    OwnerError::Io { action: "take the name of", path: run_dir.clone(), source }
+                }
+            }
+        })?;
         let instance = Instance {
             site_name: site.name.clone(),
             prefix: prefix_of(&run_dir),
@@ -134,8 +158,17 @@ impl Owner {
             run_dir,
         };
         // From here on, whatever fails: dropping the owner removes what it made.
-        let mut owner =
-            Self { instance, site: site.clone(), factories: Vec::new(), node: None, lock };
+        let mut owner = Self {
+            instance,
+            site: site.clone(),
+            factories: Vec::new(),
+            node: None,
+            lock,
+            _name: name,
+            state_lock: None,
+            made: Vec::new(),
+        };
+        owner.state_lock = Some(StateLock::take(&owner.instance.state_dir)?);
         kill_recorded(&owner.instance.children_file());
         wipe(&owner.instance);
         check_budget(topics.iter().map(TopicPlan::bytes_max).fold(0, u64::saturating_add))?;
@@ -147,7 +180,7 @@ impl Owner {
         make_private_dir(&self.instance.iceoryx_root())?;
         let config = self.instance.iceoryx_config();
         fs::write(&config, iceoryx_config_text(&self.instance))
-            .map_err(|source| OwnerError::Io { action: "write", path: config, source })?;
+            .map_err(|source| OwnerError::Io { action: "write", path: config.clone(), source })?;
         self.instance.store(&self.site)?;
         descriptors::raise_limit();
         let node = create_node(&self.instance).map_err(|reason| BusError::Open {
@@ -159,7 +192,16 @@ impl Owner {
         for topic in topics {
             self.factories.push((topic.create)(node, topic, node_slots)?);
         }
+        self.made = vec![config, self.instance.iceoryx_root(), self.instance.lock_file()];
+        self.made.extend(shared_memory_of(&self.instance.prefix));
         Ok(())
+    }
+
+    /// The first file of the domain that somebody has removed: processes that start could not open
+    /// it, and those that run would wait for each other in vain. The instance must be made anew.
+    #[must_use]
+    pub fn first_missing(&self) -> Option<&Path> {
+        self.made.iter().find(|path| !path.exists()).map(PathBuf::as_path)
     }
 
     /// What workers are handed.
@@ -338,10 +380,10 @@ mod tests {
         let areas: Vec<_> = (0..1000).map(area).collect();
         let site = serde_json::json!({ "name": "huge", "area": areas, "laser": [] });
         let site: Site = serde_json::from_value(site).unwrap();
-        let root = tempfile::tempdir().unwrap();
+        let (root, base) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let options = OwnerOptions {
             run_root: root.path().to_path_buf(),
-            base_dir: PathBuf::new(),
+            base_dir: base.path().to_path_buf(),
             out_dir: None,
             clock: Clock::Wall,
         };

@@ -4,9 +4,10 @@
 use crate::instance::Instance;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use std::ffi::OsString;
 use std::fmt::Write;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Where shared-memory objects of Linux are files.
 pub(crate) const SHARED_MEMORY_DIR: &str = "/dev/shm";
@@ -23,12 +24,16 @@ pub(crate) fn wipe(instance: &Instance) {
             let _ = fs::remove_file(entry.path());
         }
     }
-    for entry in fs::read_dir(SHARED_MEMORY_DIR).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        if name.as_encoded_bytes().starts_with(instance.prefix.as_bytes()) {
-            let _ = fs::remove_file(entry.path());
-        }
+    for path in shared_memory_of(&instance.prefix) {
+        let _ = fs::remove_file(path);
     }
+}
+
+/// The files in shared memory whose names begin with the prefix of an instance.
+pub(crate) fn shared_memory_of(prefix: &str) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir(SHARED_MEMORY_DIR).into_iter().flatten().flatten();
+    let ours = |name: OsString| name.as_encoded_bytes().starts_with(prefix.as_bytes());
+    entries.filter(move |entry| ours(entry.file_name())).map(|entry| entry.path())
 }
 
 /// Writes down which processes belong to the run: id and start time, because ids are used again.

@@ -54,6 +54,7 @@
 //! | [`loss`], [`credit`] | pure: what was lost, what may be sent |
 //! | [`plan`], [`role`] | pure: topics and processes of a site |
 //! | [`instance`], [`domain`] | the run directory, and who owns it |
+//! | `name_lock`, [`state_lock`] | one owner an instance, one writer a state directory |
 //! | [`clock`], [`latency`], [`health`], [`logging`] | time, how we are, what we say |
 
 pub mod bus;
@@ -69,11 +70,13 @@ pub mod latency;
 mod leftovers;
 pub mod logging;
 pub mod loss;
+mod name_lock;
 mod node;
 pub mod plan;
 pub mod ports;
 pub mod publisher;
 pub mod role;
+pub mod state_lock;
 pub mod subscriber;
 pub mod worker;
 
@@ -88,5 +91,6 @@ pub use loss::Losses;
 pub use ports::{BusError, Element};
 pub use publisher::{Loan, Publisher};
 pub use role::Role;
+pub use state_lock::StateLock;
 pub use subscriber::{Sample, Subscriber};
 pub use worker::{Failure, Worker, exit, run};

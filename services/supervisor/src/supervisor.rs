@@ -61,14 +61,29 @@ pub fn run(site: &Site, options: &Options) -> ExitCode {
             return ExitCode::from(exit::BAD_CONFIG);
         }
     };
-    match Supervisor::start(site, roles, options, clock, output) {
-        Ok(mut supervisor) => ExitCode::from(supervisor.supervise()),
-        Err(reason) => {
-            // The log's thread belongs to the supervisor that is not there.
-            eprintln!("error: {reason}");
-            ExitCode::from(exit::FAILED)
+    let after_ns = |s: f64| monotonic_ns().saturating_add((s.max(0.0) * 1e9) as u64);
+    let stop_at_ns = options.seconds.map(after_ns);
+    loop {
+        match Supervisor::start(site, roles.clone(), options, clock, stop_at_ns, output) {
+            Ok(mut supervisor) => match supervisor.supervise() {
+                Outcome::Over(code) => return ExitCode::from(code),
+                Outcome::Anew => output = supervisor.into_output(),
+            },
+            Err(reason) => {
+                // The log's thread belongs to the supervisor that is not there.
+                eprintln!("error: {reason}");
+                return ExitCode::from(exit::FAILED);
+            }
         }
     }
+}
+
+/// How a run of the processes ended.
+enum Outcome {
+    /// The site stops with this exit code.
+    Over(u8),
+    /// All processes have stopped, and the site is to begin again.
+    Anew,
 }
 
 fn clock(site: &Site, replay_start_ns: Option<u64>) -> Result<Clock, String> {
@@ -95,7 +110,7 @@ fn clock(site: &Site, replay_start_ns: Option<u64>) -> Result<Clock, String> {
 #[derive(Debug)]
 enum Phase {
     Running,
-    Stopping { code: u8, stage: usize, since_ns: u64 },
+    Stopping { code: u8, stage: usize, since_ns: u64, anew: bool },
 }
 
 struct Supervisor {
@@ -105,6 +120,8 @@ struct Supervisor {
     output: Output,
     phase: Phase,
     stop_at_ns: Option<u64>,
+    /// When the files of the domain were looked at.
+    looked_ns: u64,
     silence_max_ns: u64,
     // The bus and its events before the owner, whose end removes everything.
     _bus: Bus,
@@ -118,6 +135,7 @@ impl Supervisor {
         roles: Vec<Role>,
         options: &Options,
         clock: Clock,
+        stop_at_ns: Option<u64>,
         output: Output,
     ) -> Result<Self, String> {
         let owner_options = OwnerOptions {
@@ -134,14 +152,14 @@ impl Supervisor {
         let control = Control::listen(&socket, &events)
             .map_err(|error| format!("cannot listen on {}: {error}", socket.display()))?;
         let services = roles.into_iter().enumerate().map(|(n, role)| Service::new(role, n));
-        let after_ns = |s: f64| monotonic_ns().saturating_add((s.max(0.0) * 1e9) as u64);
         Ok(Self {
             services: services.collect(),
             health,
             control,
             output,
             phase: Phase::Running,
-            stop_at_ns: options.seconds.map(after_ns),
+            stop_at_ns,
+            looked_ns: monotonic_ns(),
             silence_max_ns: (options.silence_max_s.unwrap_or(SILENCE_MAX_S) * 1e9) as u64,
             _bus: bus,
             events,
@@ -149,16 +167,20 @@ impl Supervisor {
         })
     }
 
-    fn supervise(&mut self) -> u8 {
+    fn supervise(&mut self) -> Outcome {
         let instance = self.owner.instance();
         let (count, run_dir) = (self.services.len(), instance.run_dir.display().to_string());
         self.output
             .say(&format!("INFO {} starts: {count} processes, {run_dir}", instance.site_name));
         loop {
             self.tick();
-            if let Some(code) = self.is_over() {
-                self.output.say("INFO stopped");
-                return code;
+            match self.is_over() {
+                Some(Outcome::Over(code)) => {
+                    self.output.say("INFO stopped");
+                    return Outcome::Over(code);
+                }
+                Some(Outcome::Anew) => return Outcome::Anew,
+                None => {}
             }
             match self.events.wait(self.due_ns()) {
                 Ok(wake) => {
@@ -172,7 +194,7 @@ impl Supervisor {
                 }
                 Err(error) => {
                     self.output.say(&format!("ERROR the event loop is broken: {error}"));
-                    return exit::FAILED; // dropping the services kills them
+                    return Outcome::Over(exit::FAILED); // dropping the services kills them
                 }
             }
         }
@@ -213,6 +235,10 @@ impl Supervisor {
         if end == End::Exit(0) && service.has_ended() {
             return; // the recording is over, and it was done
         }
+        if self.has_lost_its_domain() {
+            return; // its end is the beginning of all others'
+        }
+        let service = &mut self.services[index];
         let now_ns = monotonic_ns();
         match service.policy.ended(now_ns, end) {
             Decision::RestartAfter(delay_ns) => {
@@ -241,10 +267,30 @@ impl Supervisor {
     }
 
     fn stop(&mut self, code: u8, why: &str) {
-        if matches!(self.phase, Phase::Running) {
+        let begins_anew = matches!(self.phase, Phase::Stopping { anew: true, .. });
+        if begins_anew || matches!(self.phase, Phase::Running) {
             self.output.say(why);
-            self.phase = Phase::Stopping { code, stage: 0, since_ns: monotonic_ns() };
+            let since_ns = monotonic_ns();
+            self.phase = Phase::Stopping { code, stage: 0, since_ns, anew: false };
         }
+    }
+
+    /// True if somebody removed files that a process needs to join; then the site begins anew.
+    fn has_lost_its_domain(&mut self) -> bool {
+        let Some(path) = self.owner.first_missing() else { return false };
+        self.output.say(&format!(
+            "ERROR {} is gone: somebody removed it, and without it no process can join. All \
+             processes stop and the site begins anew, from its state directory",
+            path.display()
+        ));
+        let (code, since_ns) = (exit::OK, monotonic_ns());
+        self.phase = Phase::Stopping { code, stage: 0, since_ns, anew: true };
+        true
+    }
+
+    /// The log, for the next run; everything else ends here.
+    fn into_output(self) -> Output {
+        self.output
     }
 
     /// Everything that is due by now.
@@ -254,6 +300,13 @@ impl Supervisor {
         if let Phase::Running = self.phase {
             self.start_due(now_ns);
             self.watch_for_silence(now_ns);
+            // No deadline of its own: the beats of the services wake us often enough.
+            if now_ns >= self.looked_ns + SECOND_NS {
+                self.looked_ns = now_ns;
+                self.has_lost_its_domain();
+            }
+        }
+        if let Phase::Running = self.phase {
             if self.stop_at_ns.is_some_and(|at| at <= now_ns) {
                 self.stop(exit::OK, "INFO its time is over");
             } else if self.recordings_are_over() {
@@ -325,10 +378,11 @@ impl Supervisor {
         }
     }
 
-    /// The exit code, once everything has stopped.
-    fn is_over(&self) -> Option<u8> {
-        let Phase::Stopping { code, .. } = self.phase else { return None };
-        self.services.iter().all(|service| service.pid().is_none()).then_some(code)
+    /// What follows, once everything has stopped.
+    fn is_over(&self) -> Option<Outcome> {
+        let Phase::Stopping { code, anew, .. } = self.phase else { return None };
+        let outcome = if anew { Outcome::Anew } else { Outcome::Over(code) };
+        self.services.iter().all(|service| service.pid().is_none()).then_some(outcome)
     }
 
     fn due_ns(&self) -> Option<u64> {

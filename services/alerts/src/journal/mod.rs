@@ -16,6 +16,7 @@ pub use query::{Entry, Filter, LIST_LIMIT_MAX, kind_name, state_name};
 
 use protocol::event::EventChange;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Transaction, params};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -32,6 +33,8 @@ const WHOLE_CHECK_BYTES_MAX: u64 = 64 << 20;
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
+    /// Which file `path` was when it was opened.
+    inode: Option<u64>,
     connection: Connection,
 }
 
@@ -112,7 +115,7 @@ impl Journal {
         if is_new {
             damage::sync_directory_of(path).map_err(io)?;
         }
-        let journal = Self { path: path.to_owned(), connection };
+        let journal = Self { path: path.to_owned(), inode: inode_of(path), connection };
         journal.check()?;
         Ok(journal)
     }
@@ -132,8 +135,44 @@ impl Journal {
         match identify(path, &connection)? {
             // Begun by a writer that has not made its tables yet: nothing has happened so far.
             0 => Err(JournalError::Missing { path: path.to_owned() }),
-            _ => Ok(Self { path: path.to_owned(), connection }),
+            _ => Ok(Self { path: path.to_owned(), inode: inode_of(path), connection }),
         }
+    }
+
+    /// Puts the journal back if somebody removed its file while it was open: what is read through
+    /// the open file is written to a new one. True if that was so.
+    ///
+    /// # Errors
+    /// If another file is in its place, or the new one cannot be written.
+    pub fn restore_if_removed(&mut self) -> Result<bool, JournalError> {
+        let found = inode_of(&self.path);
+        if found == self.inode {
+            return Ok(false);
+        }
+        if found.is_some() {
+            let detail = "another file was put in its place while the site runs: stop the site, put \
+                          the right one there, start it again";
+            return Err(JournalError::Unusable {
+                path: self.path.clone(),
+                detail: detail.to_owned(),
+            });
+        }
+        if let Some(parent) = self.path.parent() {
+            let io = |error: std::io::Error| JournalError::from_io(&self.path, &error);
+            std::fs::create_dir_all(parent).map_err(io)?;
+        }
+        // A copy under another name first: the journal is there whole or not at all.
+        let beside = damage::with_suffix(&self.path, ".restored");
+        let io = |error: std::io::Error| JournalError::from_io(&self.path, &error);
+        let _ = std::fs::remove_file(&beside); // of an attempt that failed
+        let target = beside.to_string_lossy();
+        self.run(|connection| connection.execute("VACUUM INTO ?1", [target.as_ref()]))?;
+        std::fs::rename(&beside, &self.path).map_err(io)?;
+        // The old file is closed first, so that it does not clear away the log of the new one.
+        let nothing = Connection::open_in_memory();
+        self.connection = nothing.map_err(|error| JournalError::from_sqlite(&self.path, &error))?;
+        *self = Self::open_sound(&self.path)?;
+        Ok(true)
     }
 
     /// Where it is.
@@ -274,6 +313,11 @@ impl Journal {
     ) -> Result<T, JournalError> {
         query(&self.connection).map_err(|error| JournalError::from_sqlite(&self.path, &error))
     }
+}
+
+/// Names a file for as long as somebody has it open; none if there is none.
+fn inode_of(path: &Path) -> Option<u64> {
+    std::fs::metadata(path).ok().map(|found| found.ino())
 }
 
 /// Whose file it is: the version of its layout, 0 for an empty file.

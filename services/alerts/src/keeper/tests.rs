@@ -195,6 +195,41 @@ fn damage_while_running_loses_no_change_that_comes_then() {
 }
 
 #[test]
+fn a_journal_that_somebody_removes_while_running_is_written_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let state = directory.path().join("state");
+    let path = state.join(JOURNAL_FILE);
+    let (mut keeper, _) = Keeper::open(&path, now(0)).unwrap();
+    keeper.offer(vec![change("foyer", 1), change("foyer", 2)], now(1));
+    std::fs::remove_dir_all(&state).unwrap();
+    let report = keeper.offer(vec![change("foyer", 3)], now(2));
+    assert_eq!(acknowledged(&report), [("foyer", 3)]);
+    assert!(report.warnings[0].contains("was removed while the site runs"), "{report:?}");
+    assert_eq!(keeper.faults(), [], "it is mended");
+    drop(keeper);
+    // What counts is what the next process finds.
+    let (keeper, _) = Keeper::open(&path, now(3)).unwrap();
+    let of_foyer: Vec<_> = journaled(&keeper).into_iter().filter(|row| row.0 == "foyer").collect();
+    assert_eq!(of_foyer.iter().map(|row| row.1).collect::<Vec<_>>(), [1, 2, 3]);
+    let own = journaled(&keeper).into_iter().filter(|row| row.0 == ORIGIN).count();
+    assert_eq!(own, 2, "raised and cleared");
+}
+
+#[test]
+fn another_file_in_the_place_of_the_journal_is_not_written() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(JOURNAL_FILE);
+    let (mut keeper, _) = open(&directory);
+    std::fs::remove_file(&path).unwrap();
+    std::fs::write(&path, "a backup").unwrap();
+    let report = keeper.offer(vec![change("foyer", 1)], now(1));
+    assert_eq!(told(&report)[0], ("foyer", 1, false));
+    assert_eq!(acknowledged(&report), [], "its origin keeps it");
+    assert!(keeper.faults()[0].text.contains("another file"), "{:?}", keeper.faults());
+    assert_eq!(std::fs::read(&path).unwrap(), b"a backup");
+}
+
+#[test]
 fn a_number_with_another_content_is_a_fault_and_is_said_in_full() {
     let directory = tempfile::tempdir().unwrap();
     let (mut keeper, _) = open(&directory);

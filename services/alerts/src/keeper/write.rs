@@ -191,6 +191,7 @@ impl Keeper {
         report: &mut Report,
         operation: impl Fn(&mut Journal) -> Result<T, JournalError>,
     ) -> Result<T, JournalError> {
+        self.restore_if_removed(now, report)?;
         let unusable = || JournalError::Missing { path: self.path.clone() };
         match operation(self.journal.as_mut().ok_or_else(unusable)?) {
             Err(JournalError::Damaged { detail, .. }) => {
@@ -200,6 +201,25 @@ impl Keeper {
             }
             outcome => outcome,
         }
+    }
+
+    /// A journal whose file somebody removed would take writes that nobody can ever read.
+    fn restore_if_removed(&mut self, now: Now, report: &mut Report) -> Result<(), JournalError> {
+        let Some(journal) = &mut self.journal else { return Ok(()) };
+        if !journal.restore_if_removed()? {
+            return Ok(());
+        }
+        let text = format!(
+            "the journal of events {} was removed while the site runs; nothing of it is lost, it is \
+             written there again",
+            self.path.display()
+        );
+        report.warnings.push(text.clone());
+        let stamp_ns = now.unix_ns;
+        self.own.push_back(Own { state: EventState::Raised, stamp_ns, text });
+        let text = "the journal of events is in its place again".to_owned();
+        self.own.push_back(Own { state: EventState::Cleared, stamp_ns, text });
+        Ok(())
     }
 
     pub(super) fn begin_anew(

@@ -16,7 +16,7 @@ use protocol::health::ServiceState;
 use protocol::site::Site;
 use protocol::topic::{self, Topic};
 use protocol::wire::{FLAG_END_OF_STREAM, Header};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 const SCANS: u64 = 3000;
@@ -72,7 +72,7 @@ fn run(run_root: &Path, name: &str, seconds: Option<f64>) -> ExitCode {
         return ExitCode::from(exit::USAGE);
     };
     let options = supervisor::Options {
-        base_dir: PathBuf::from("/"),
+        base_dir: run_root.to_path_buf(),
         run_root: Some(run_root.to_path_buf()),
         seconds,
         silence_max_s: Some(3.0),
