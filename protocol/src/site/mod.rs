@@ -33,6 +33,7 @@ pub use class::{ClassPrototype, Preset};
 pub use diagnostics::{DIAGNOSTICS_MAX, Diagnostic, Diagnostics, Severity};
 pub use laser::{Laser, NoReturn, Pace, Source};
 pub use place::{Context, Weekday, Zone, minute_of_day};
+pub use words::is_id;
 
 use diagnostics::Finding;
 use schemars::JsonSchema;
