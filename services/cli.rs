@@ -40,6 +40,8 @@ pub enum Verb {
     Status(Status),
     /// List or follow the alerts of a site.
     Alerts(Alerts),
+    /// Draw, compare, add and export collapsed maps.
+    Map(crate::map::cli::Map),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.

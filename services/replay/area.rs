@@ -160,8 +160,7 @@ impl AreaRun {
         let Self { pipeline, results, events, directory, .. } = self;
         let mapper = &pipeline.mapper;
         results.finish(mapper.grid(), &mapper.context_names()).map_err(write_error(&directory))?;
-        output::write_grid(&directory, &pipeline)?;
         let marks = events.finish()?;
-        output::write_pictures(&directory, &pipeline, &marks, recording)
+        output::write_map(&directory, &pipeline, &marks, recording)
     }
 }
