@@ -120,7 +120,7 @@ impl Report {
             u64::from(self.columns) * u64::from(self.rows),
             self.observed_s_max,
         );
-        let _ = writeln!(text, "  {:<32} {:>9} {:>14}", "class", "frames", "leads in");
+        let _ = writeln!(text, "  {:<32} {:>9} {:>14}", "class", "share", "leads in");
         for class in &self.classes {
             let (share, leading) = (class.share * 100.0, class.cells_leading);
             let _ = writeln!(text, "  {:<32} {share:>7.2} % {leading:>8} cells", class.name);

@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 10] = [
+const VERBS: [&[&str]; 15] = [
     &[],
     &["demo"],
     &["replay"],
@@ -12,6 +12,11 @@ const VERBS: [&[&str]; 10] = [
     &["status"],
     &["alerts", "list"],
     &["alerts", "watch"],
+    &["map", "info"],
+    &["map", "render"],
+    &["map", "diff"],
+    &["map", "export"],
+    &["map", "merge"],
     &["check"],
     &["learn"],
     &["schema"],

@@ -1,10 +1,10 @@
 //! One class of two collapsed maps of the same grid: where it became more or less frequent.
 
 use crate::FigureError;
-use crate::canvas::Rect;
+use crate::canvas::{FAINT, Rect};
 use crate::input::{ChangeMap, EventMark, LaserMark, Options, check_grid, check_share};
 use crate::marks;
-use crate::palette::{NEWLY_OBSERVED, NO_MORE_OBSERVED, diverging};
+use crate::palette::{NEWLY_OBSERVED, NO_MORE_OBSERVED, diverging, mix};
 use crate::sheet::{self, Key, PLOT_MIN_PX, Sheet, Texts};
 use crate::view::{Paint, View};
 
@@ -17,8 +17,11 @@ const PLACES_MAX: usize = 12;
 /// Shares on the colour bar, most important first.
 const BAR_SHARES: [f64; 5] = [1.0, 0.5, 0.1, 0.25, 0.05];
 
+/// Below this change a cell is shown by its share, so that walls that stayed tell where one is.
+const UNCHANGED_MAX: f64 = 0.02;
+
 /// Draws how the share of a class changed in each cell, as a file of `options.format`: red where it
-/// rose, blue where it fell, by |change| ^ gamma; cells that only one of the maps has observed have a
+/// rose, blue where it fell, by |change| ^ gamma, grey where it stayed; cells that only one of the maps has observed have a
 /// colour of their own, those that neither has are hatched. `places` are numbered, and listed below.
 ///
 /// Where the grid is too large for the picture, a pixel shows the largest change of its cells.
@@ -79,6 +82,7 @@ fn view_of(map: &ChangeMap, lasers: &[LaserMark], options: &Options) -> View {
 fn legend(places: &[EventMark], lasers: bool) -> Vec<(Key, String)> {
     let place = |(i, place): (usize, &EventMark)| (Key::Event(i + 1), place.label.clone());
     let mut keys: Vec<(Key, String)> = places.iter().enumerate().map(place).collect();
+    keys.push((Key::Colour(FAINT), "unchanged (the darker, the more frequent)".into()));
     keys.push((Key::Colour(NEWLY_OBSERVED), "observed in the later map only".into()));
     keys.push((Key::Colour(NO_MORE_OBSERVED), "observed in the earlier map only".into()));
     keys.push((Key::Never, "never observed".into()));
@@ -115,6 +119,10 @@ fn paint(map: &ChangeMap, cells: &[usize], gamma: f64) -> Paint {
     let known = cells.iter().map(change).filter(|change| !change.is_nan());
     if let Some(change) = known.max_by(|a, b| a.abs().total_cmp(&b.abs())) {
         let change = f64::from(change);
+        if change.abs() < UNCHANGED_MAX {
+            let share = cells.iter().map(|cell| map.after[*cell]).fold(0.0, f32::max);
+            return Paint::Colour(mix(diverging(0.0), FAINT, f64::from(share)));
+        }
         return Paint::Colour(diverging(change.signum() * change.abs().powf(gamma)));
     }
     if cells.iter().any(|cell| !map.after[*cell].is_nan()) {
@@ -146,9 +154,9 @@ mod tests {
     fn a_cell_shows_its_change_and_one_that_only_one_map_saw_says_so() {
         let n = f32::NAN;
         let map = ChangeMap {
-            grid: GridGeometry { origin_m: [0.0; 2], cell_m: 0.1, columns: 5, rows: 1 },
-            before: vec![0.25, 1.0, n, 0.5, n],
-            after: vec![0.5, 0.0, 0.5, n, n],
+            grid: GridGeometry { origin_m: [0.0; 2], cell_m: 0.1, columns: 6, rows: 1 },
+            before: vec![0.25, 1.0, n, 0.5, n, 1.0],
+            after: vec![0.5, 0.0, 0.5, n, n, 1.0],
             title: String::new(),
             subtitle: String::new(),
         };
@@ -157,5 +165,6 @@ mod tests {
         assert_eq!(paint(&map, &[2, 4], 0.5), Paint::Colour(NEWLY_OBSERVED));
         assert_eq!(paint(&map, &[3, 4], 0.5), Paint::Colour(NO_MORE_OBSERVED));
         assert_eq!(paint(&map, &[4], 0.5), Paint::Never);
+        assert_eq!(paint(&map, &[5], 0.5), Paint::Colour(FAINT));
     }
 }
