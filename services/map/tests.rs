@@ -52,7 +52,7 @@ fn a_wall_that_appeared_is_one_place_and_its_shadow_is_counted() {
         "something solid appeared at (1.3, 2.2) m, 0.4 x 0.1 m: `wall` 0 % -> 100 %, instead of `empty`"
     );
     let text = &difference.places[1].text;
-    assert!(text.starts_with("something solid is gone at (1.1, 2.1) m"), "{text}");
+    assert!(text.starts_with("something solid is gone at (1.1, 2.0) m"), "{text}");
     let class = &difference.classes[1];
     assert_eq!((class.cells_more, class.cells_less), (4, 1));
     assert_eq!((class.share_before, class.share_after), (1.0 / 18.0, 4.0 / 18.0));
@@ -85,7 +85,8 @@ fn what_was_written_is_read_and_a_grid_that_differs_is_named_by_its_key() {
 
 #[test]
 fn numbers_that_no_grid_has_are_refused_in_words() {
-    let wrong: [(&str, fn(&mut GridFile)); 8] = [
+    type Change = fn(&mut GridFile);
+    let wrong: [(&str, Change); 8] = [
         ("0 x 4 cells", |grid| grid.columns = 0),
         ("4096 x 4096 cells", |grid| (grid.columns, grid.rows) = (4096, 4096)),
         ("cells of 0 m", |grid| grid.cell_m = 0.0),

@@ -165,8 +165,8 @@ pub fn difference(grid: &GridFile, names: &[String; 2], difference: &Difference)
     // Writing to a String cannot fail.
     let _ = writeln!(
         text,
-        "  {:<12} {:>8} {:>9} {:>6} {:>6}  {:<32} {}",
-        "class", "before", "after", "more", "less", "largest rise", "largest fall"
+        "  {:<12} {:>8} {:>9} {:>6} {:>6}  {:<32} largest fall",
+        "class", "before", "after", "more", "less", "largest rise"
     );
     for class in &difference.classes {
         let _ = writeln!(
