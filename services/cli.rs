@@ -166,11 +166,19 @@ pub struct Learn {
 #[command(after_help = "\
 Examples:
   tog status deploy/foyer.toml
-  tog status deploy/foyer.toml --format json")]
+  tog status deploy/foyer.toml --verbose
+  tog status deploy/foyer.toml --format json
+
+A line per service: its state, how long it runs, what it delivers a second, how old its last data
+is; below it what is wrong. Exit code 0: all is well. 1: something is wrong, or the site does not
+run.")]
 /// Arguments of `tog status`.
 pub struct Status {
     /// The site file of the running site.
     pub site: PathBuf,
+    /// Process ids and every counter, too.
+    #[arg(long, short)]
+    pub verbose: bool,
     /// Output.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,

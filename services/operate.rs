@@ -75,7 +75,8 @@ pub fn status(arguments: &Status) -> ExitCode {
         Err(error) => return fail(exit::FAILED, error),
     };
     let text = match arguments.format {
-        Format::Text => report.table(),
+        Format::Text if arguments.verbose => report.table(),
+        Format::Text => report.summary(),
         Format::Json => match serde_json::to_string_pretty(&report) {
             Ok(text) => text + "\n",
             Err(error) => return fail(exit::FAILED, error),

@@ -132,6 +132,9 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         run.replay_all(&bar)?;
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
+        if let Some(why) = run.too_short() {
+            eprintln!("tog: {why}");
+        }
         cut = run.take_cut().or(cut);
         run.finish(&arguments.recording)?;
         eprintln!("tog: results of area {} are in {}", area.id, directory.display());

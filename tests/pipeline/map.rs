@@ -42,8 +42,9 @@ impl Maps {
         std::fs::write(&site_file, site(&recording, area, &[("scan", "/scan", [0.0; 3])])).unwrap();
         let arguments = [Path::new("replay"), &recording, Path::new("--site"), &site_file];
         let out = [PathBuf::from("--out"), self.at(name)];
-        tog(&self.scratch, arguments.into_iter().chain(out.iter().map(PathBuf::as_path)))
-            .expect(0, &[]);
+        let ended =
+            tog(&self.scratch, arguments.into_iter().chain(out.iter().map(PathBuf::as_path)));
+        ended.expect(0, &["too short for events", "needs 21600 s", "s of learning; a site file"]);
     }
 
     /// `tog map` in the directory of the maps.
