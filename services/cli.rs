@@ -251,6 +251,9 @@ Examples:
   tog check deploy/foyer.toml
   tog check building.toml --format json
 
+Opens the scenes and recordings that the lasers are fed from, too; warns if the first scans of a
+recording lie outside the area.
+
 Exit code 0: right. 78: wrong, with every error, its line and a caret.")]
 /// Arguments of `tog check`.
 pub struct Check {

@@ -1,5 +1,6 @@
 //! `tog`: one binary, every verb and every service. Reads like a table of contents.
 
+mod check;
 mod cli;
 mod demo;
 mod learn;

@@ -5,7 +5,7 @@ use crate::{fail, site_file};
 use process::instance::{default_run_root, run_dir_of};
 use process::plan::Plan;
 use process::{EventLoop, Role, exit};
-use protocol::site::Site;
+use protocol::site::{Diagnostics, Site};
 use serde_json::json;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -139,10 +139,18 @@ fn alerts_format(format: Format) -> alerts::Format {
 
 /// `tog check`.
 pub fn check(arguments: &Check) -> ExitCode {
-    let site = match load(&arguments.site) {
-        Ok(site) => site,
-        Err(code) => return code,
+    let (site, text) = match site_file::load_with_text(&arguments.site) {
+        Ok(loaded) => loaded,
+        Err(error) => return fail(exit::BAD_CONFIG, error),
     };
+    let remarks = crate::check::sources(&site, &arguments.site);
+    let name = arguments.site.display().to_string();
+    let remarks = Diagnostics::of_remarks(&text, &name, &remarks);
+    if remarks.has_errors() {
+        return fail(exit::BAD_CONFIG, remarks);
+    }
+    // What looks like a mistake goes to stderr, as the warnings of the site file do.
+    let _ = write!(std::io::stderr(), "{remarks}");
     let (plan, roles) = (Plan::new(&site), Role::all(&site));
     let text = match arguments.format {
         Format::Text => plan_text(&site, &plan, &roles),
