@@ -144,7 +144,8 @@ pub struct Run {
     /// End by itself after so many seconds.
     #[arg(long, value_name = "N")]
     pub seconds: Option<u64>,
-    /// Write the results of a replayed site as `tog replay --every-frame` does: the .npy files.
+    /// Write the results of a replayed site as `tog replay --every-frame` does: the .npy files,
+    /// grid.json and the pictures; the events are in the journal.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

@@ -55,13 +55,22 @@ pub fn run(arguments: &Run) -> ExitCode {
         return fail(exit::FAILED, text);
     }
     let options = supervisor::Options {
-        base_dir,
-        out_dir,
+        base_dir: base_dir.clone(),
+        out_dir: out_dir.clone(),
         seconds: arguments.seconds.map(|seconds| seconds as f64),
         replay_start_ns,
         ..supervisor::Options::default()
     };
-    supervisor::run(&site, &options)
+    let ended = supervisor::run(&site, &options);
+    match out_dir {
+        Some(out_dir) if ended == ExitCode::SUCCESS => {
+            match crate::map::describe_results(&site, &base_dir, &out_dir) {
+                Ok(()) => ended,
+                Err(error) => fail(exit::FAILED, error),
+            }
+        }
+        _ => ended,
+    }
 }
 
 /// `tog status`. Exit code 1 if the site does not run, or something is wrong.

@@ -8,6 +8,7 @@
 //! | `pictures.rs` | overview and classes, also for `tog replay` |
 //! | `diff.rs` | what changed (pure) |
 //! | `export.rs` | nav2, NumPy |
+//! | `results.rs` | grid.json and pictures of `tog run --out` |
 //! | `text.rs` | what is printed |
 
 pub mod cli;
@@ -15,6 +16,7 @@ mod diff;
 mod export;
 pub mod grid_file;
 pub mod pictures;
+mod results;
 mod stored;
 #[cfg(test)]
 mod tests;
@@ -28,6 +30,7 @@ use figures::{ChangeMap, EventMark, FileFormat, Options};
 use grid_file::GridFile;
 use pictures::{PictureError, Pictures, picture_path};
 use process::exit;
+pub use results::describe_results;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -64,6 +67,9 @@ pub enum MapError {
     /// An array.
     #[error(transparent)]
     Array(#[from] mapper::npy::NpyError),
+    /// A recording.
+    #[error(transparent)]
+    Recording(#[from] laser::source::SourceError),
     /// A checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] mapper::checkpoint::CheckpointError),
