@@ -7,12 +7,14 @@
 //! | `stored.rs` | where maps come from: directories, checkpoints of sites |
 //! | `pictures.rs` | overview and classes, also for `tog replay` |
 //! | `diff.rs` | what changed (pure) |
+//! | `drawing.rs` | pictures of it |
 //! | `export.rs` | nav2, NumPy |
 //! | `results.rs` | grid.json and pictures of `tog run --out` |
 //! | `text.rs` | what is printed |
 
 pub mod cli;
 mod diff;
+mod drawing;
 mod export;
 pub mod grid_file;
 pub mod pictures;
@@ -25,9 +27,8 @@ mod text;
 use crate::cli::Format;
 use crate::{fail, site_file};
 use cli::{Diff, Export, ExportFormat, Info, Look, Map, MapVerb, Maps, Merge, Picture, Render};
-use diff::Difference;
-use figures::{ChangeMap, EventMark, FileFormat, Options};
-use grid_file::GridFile;
+use drawing::Drawing;
+use figures::{FileFormat, Options};
 use pictures::{PictureError, Pictures, picture_path};
 use process::exit;
 pub use results::describe_results;
@@ -35,9 +36,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use stored::{StoredMap, add};
-
-/// Most places that are marked in a picture of changes: more would hide the map.
-const PLACE_MARKS_MAX: usize = 12;
 
 /// Why a verb of `tog map` could not be done.
 #[derive(Debug, thiserror::Error)]
@@ -281,67 +279,6 @@ fn difference(arguments: &Diff) -> Result<String, MapError> {
         Format::Text => text::difference(&before.grid, &names, &difference),
         Format::Json => document,
     })
-}
-
-/// Pictures of a difference.
-struct Drawing<'m> {
-    grid: &'m GridFile,
-    counts: &'m [Vec<u64>; 2],
-    names: &'m [String; 2],
-    difference: &'m Difference,
-}
-
-impl Drawing<'_> {
-    /// Writes the picture of `class`, or of the one that changed most; into a directory, of all.
-    fn write(&self, out: &Path, class: Option<usize>, options: &Options) -> Result<(), MapError> {
-        if format_of(out).is_some() {
-            let class = class.unwrap_or_else(|| self.most_changed());
-            return Ok(pictures::write(out, &self.picture(class, options)?)?);
-        }
-        std::fs::create_dir_all(out).map_err(write_error(out))?;
-        let all = 0..self.grid.classes.len();
-        for class in all.filter(|index| class.is_none_or(|class| class == *index)) {
-            let name = format!("change_{}", self.grid.classes[class].name);
-            let path = picture_path(out, &name, options.format);
-            pictures::write(&path, &self.picture(class, options)?)?;
-        }
-        Ok(())
-    }
-
-    /// The class with the most changed cells; a wall rather than the emptiness that it took.
-    fn most_changed(&self) -> usize {
-        let nothing = self.grid.class_of_always(0.0);
-        let changed = |index: &usize| {
-            let class = &self.difference.classes[*index];
-            (class.cells_more + class.cells_less, Some(*index) == self.grid.class_of_always(1.0))
-        };
-        let classes = (0..self.grid.classes.len()).filter(|index| Some(*index) != nothing);
-        classes.max_by_key(changed).unwrap_or(0)
-    }
-
-    fn picture(&self, class: usize, options: &Options) -> Result<Vec<u8>, MapError> {
-        let name = &self.grid.classes[class].name;
-        let geometry = self.grid.geometry();
-        let share = |counts: &[u64]| {
-            figures::shares(counts, self.grid.classes.len(), geometry.cells())
-                .map(|mut shares| shares.swap_remove(class))
-        };
-        let map = ChangeMap {
-            grid: geometry,
-            before: share(&self.counts[0])?,
-            after: share(&self.counts[1])?,
-            title: format!("{}: change of the share of `{name}`", self.grid.area),
-            subtitle: format!("from {} to {}", self.names[0], self.names[1]),
-        };
-        let places = self.difference.places.iter();
-        let marks: Vec<EventMark> = places
-            .filter(|place| place.from == *name || place.to == *name)
-            .map(|place| EventMark { x_m: place.x_m, y_m: place.y_m, label: place.text.clone() })
-            .take(PLACE_MARKS_MAX)
-            .collect();
-        let lasers = pictures::laser_marks(&self.grid.lasers);
-        Ok(figures::share_change(&map, &lasers, &marks, options)?)
-    }
 }
 
 fn export(arguments: &Export) -> Result<String, MapError> {
