@@ -40,6 +40,8 @@ pub enum Verb {
     Status(Status),
     /// List or follow the alerts of a site.
     Alerts(Alerts),
+    /// Draw, compare, add and export collapsed maps.
+    Map(crate::map::cli::Map),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.
@@ -143,7 +145,8 @@ pub struct Run {
     /// End by itself after so many seconds.
     #[arg(long, value_name = "N")]
     pub seconds: Option<u64>,
-    /// Write the results of a replayed site as `tog replay --every-frame` does: the .npy files.
+    /// Write the results of a replayed site as `tog replay --every-frame` does: the .npy files,
+    /// grid.json and the pictures; the events are in the journal.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
@@ -165,11 +168,19 @@ pub struct Learn {
 #[command(after_help = "\
 Examples:
   tog status deploy/foyer.toml
-  tog status deploy/foyer.toml --format json")]
+  tog status deploy/foyer.toml --verbose
+  tog status deploy/foyer.toml --format json
+
+A line per service: its state, how long it runs, what it delivers a second, how old its last data
+is; below it what is wrong. Exit code 0: all is well. 1: something is wrong, or the site does not
+run.")]
 /// Arguments of `tog status`.
 pub struct Status {
     /// The site file of the running site.
     pub site: PathBuf,
+    /// Process ids and every counter, too.
+    #[arg(long, short)]
+    pub verbose: bool,
     /// Output.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -241,6 +252,9 @@ pub struct AlertsWatch {
 Examples:
   tog check deploy/foyer.toml
   tog check building.toml --format json
+
+Opens the scenes and recordings that the lasers are fed from, too; warns if the first scans of a
+recording lie outside the area.
 
 Exit code 0: right. 78: wrong, with every error, its line and a caret.")]
 /// Arguments of `tog check`.

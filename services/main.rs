@@ -1,8 +1,10 @@
 //! `tog`: one binary, every verb and every service. Reads like a table of contents.
 
+mod check;
 mod cli;
 mod demo;
 mod learn;
+mod map;
 mod operate;
 mod pipeline;
 mod replay;
@@ -22,6 +24,7 @@ fn main() -> ExitCode {
         Verb::Run(arguments) => operate::run(&arguments),
         Verb::Status(arguments) => operate::status(&arguments),
         Verb::Alerts(arguments) => alerts_verb(arguments),
+        Verb::Map(arguments) => map::main(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
         Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),

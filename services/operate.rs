@@ -5,7 +5,7 @@ use crate::{fail, site_file};
 use process::instance::{default_run_root, run_dir_of};
 use process::plan::Plan;
 use process::{EventLoop, Role, exit};
-use protocol::site::Site;
+use protocol::site::{Diagnostics, Site};
 use serde_json::json;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -55,13 +55,22 @@ pub fn run(arguments: &Run) -> ExitCode {
         return fail(exit::FAILED, text);
     }
     let options = supervisor::Options {
-        base_dir,
-        out_dir,
+        base_dir: base_dir.clone(),
+        out_dir: out_dir.clone(),
         seconds: arguments.seconds.map(|seconds| seconds as f64),
         replay_start_ns,
         ..supervisor::Options::default()
     };
-    supervisor::run(&site, &options)
+    let ended = supervisor::run(&site, &options);
+    match out_dir {
+        Some(out_dir) if ended == ExitCode::SUCCESS => {
+            match crate::map::describe_results(&site, &base_dir, &out_dir) {
+                Ok(()) => ended,
+                Err(error) => fail(exit::FAILED, error),
+            }
+        }
+        _ => ended,
+    }
 }
 
 /// `tog status`. Exit code 1 if the site does not run, or something is wrong.
@@ -75,7 +84,8 @@ pub fn status(arguments: &Status) -> ExitCode {
         Err(error) => return fail(exit::FAILED, error),
     };
     let text = match arguments.format {
-        Format::Text => report.table(),
+        Format::Text if arguments.verbose => report.table(),
+        Format::Text => report.summary(),
         Format::Json => match serde_json::to_string_pretty(&report) {
             Ok(text) => text + "\n",
             Err(error) => return fail(exit::FAILED, error),
@@ -138,10 +148,18 @@ fn alerts_format(format: Format) -> alerts::Format {
 
 /// `tog check`.
 pub fn check(arguments: &Check) -> ExitCode {
-    let site = match load(&arguments.site) {
-        Ok(site) => site,
-        Err(code) => return code,
+    let (site, text) = match site_file::load_with_text(&arguments.site) {
+        Ok(loaded) => loaded,
+        Err(error) => return fail(exit::BAD_CONFIG, error),
     };
+    let remarks = crate::check::sources(&site, &arguments.site);
+    let name = arguments.site.display().to_string();
+    let remarks = Diagnostics::of_remarks(&text, &name, &remarks);
+    if remarks.has_errors() {
+        return fail(exit::BAD_CONFIG, remarks);
+    }
+    // What looks like a mistake goes to stderr, as the warnings of the site file do.
+    let _ = write!(std::io::stderr(), "{remarks}");
     let (plan, roles) = (Plan::new(&site), Role::all(&site));
     let text = match arguments.format {
         Format::Text => plan_text(&site, &plan, &roles),
@@ -186,7 +204,7 @@ pub fn schema() -> ExitCode {
 }
 
 /// Writes to stdout and ends with `code`. A reader that goes away (`| head`) is no error.
-fn write_out(text: &str, code: u8) -> ExitCode {
+pub fn write_out(text: &str, code: u8) -> ExitCode {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {

@@ -25,11 +25,19 @@ pub enum SiteFileError {
 /// # Errors
 /// All that is wrong with it.
 pub fn load(path: &Path) -> Result<Site, SiteFileError> {
+    load_with_text(path).map(|(site, _)| site)
+}
+
+/// As [`load`], with the text.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with_text(path: &Path) -> Result<(Site, String), SiteFileError> {
     let read = |source| SiteFileError::Read { path: path.to_owned(), source };
     let file = std::fs::File::open(path).map_err(read)?;
     let mut text = String::new();
     file.take(TEXT_BYTES_MAX as u64 + 1).read_to_string(&mut text).map_err(read)?;
-    parse(&text, path)
+    parse(&text, path).map(|site| (site, text))
 }
 
 /// Checks the text of a site file; warnings go to stderr.

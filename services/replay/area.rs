@@ -2,6 +2,7 @@
 
 use super::{ReplayError, output, write_error};
 use crate::pipeline::Pipeline;
+use anomaly::Phase;
 use fusion::core::Origin;
 use indicatif::ProgressBar;
 use laser::replay::ReplaySource;
@@ -175,6 +176,25 @@ impl AreaRun {
         )
     }
 
+    /// Why there are no events, if it is because the recording is too short to learn from.
+    pub fn too_short(&self) -> Option<String> {
+        let watch = &self.pipeline.watch;
+        let detector = &self.pipeline.area.detector;
+        let had = match watch.phase() {
+            Phase::Learning => format!("{:.0} s of learning", watch.learnt_s()),
+            Phase::Calibrating => {
+                format!("all of learning and {:.0} s of calibrating", watch.calibrated_s())
+            }
+            Phase::Watching => return None,
+        };
+        Some(format!(
+            "area {}: the recording is too short for events: the detector needs {:.0} s of normal life \
+             to learn and then {:.0} s to calibrate, and had {had}; a site file may ask for less with \
+             learning_s and calibration_s under [area.detector]",
+            self.pipeline.area.id, detector.learning_s, detector.calibration_s
+        ))
+    }
+
     /// Writes what is known at the end.
     ///
     /// # Errors
@@ -183,8 +203,7 @@ impl AreaRun {
         let Self { pipeline, results, events, directory, .. } = self;
         let mapper = &pipeline.mapper;
         results.finish(mapper.grid(), &mapper.context_names()).map_err(write_error(&directory))?;
-        output::write_grid(&directory, &pipeline)?;
         let marks = events.finish()?;
-        output::write_pictures(&directory, &pipeline, &marks, recording)
+        output::write_map(&directory, &pipeline, &marks, recording)
     }
 }

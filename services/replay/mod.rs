@@ -7,7 +7,7 @@
 //! |---|---|
 //! | `layout.rs` | a site file for a recording that has none |
 //! | `area.rs` | one area: sources -> pipeline -> files |
-//! | `output.rs` | grid.json, events.jsonl, pictures |
+//! | `output.rs` | events.jsonl; grid.json and pictures as `services/map/` draws them |
 
 mod area;
 mod layout;
@@ -66,6 +66,9 @@ pub enum ReplayError {
         source: io::Error,
     },
     /// A picture.
+    #[error(transparent)]
+    Picture(#[from] crate::map::pictures::PictureError),
+    /// A picture that cannot be drawn.
     #[error(transparent)]
     Figure(#[from] figures::FigureError),
     /// The site file.
@@ -136,6 +139,9 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         run.replay_all(&bar)?;
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
+        if let Some(why) = run.too_short() {
+            eprintln!("tog: {why}");
+        }
         cut = run.take_cut().or(cut);
         mostly_dropped.extend(run.mostly_dropped());
         run.finish(&arguments.recording)?;

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# run.sh RECORDING.bag OUT | --self-test: the oracle in an environment of its own under target/.
+# run.sh RECORDING.bag OUT | --self-test | --map ..: oracle.py, or map.py, in an environment of its own
+# under target/.
 # Needs python3 >= 3.10 with venv; the packages come from PyPI on the first run only.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
@@ -16,4 +17,9 @@ mkdir -p "$(dirname "$venv")"
     fi
 ) 9>"$venv.lock"
 export PYTHONDONTWRITEBYTECODE=1
-exec "$venv/bin/python" "$here/oracle.py" "$@"
+program=oracle.py
+if [ "${1-}" = --map ]; then
+    program=map.py
+    shift
+fi
+exec "$venv/bin/python" "$here/$program" "$@"

@@ -7,6 +7,7 @@
 //! | `bad_recordings`, `bad_sites` | words and an exit code, or a drop that is counted and told |
 //! | `cli` | every verb explains itself |
 //! | `golden` | a made recording as a picture in letters, to be read by people |
+//! | `map` | `tog map`: pictures, nav2, NumPy, differences, sums; a program of Python agrees |
 //! | `demo` | `tog demo` alarms, ends, and leaves nothing |
 //! | `support` | runs the binary under a watchdog; reads what it wrote |
 //! | `made` | recordings made by the letter, good and bad |
@@ -17,6 +18,7 @@ mod cli;
 mod demo;
 mod golden;
 mod made;
+mod map;
 mod oracle;
 mod same_numbers;
 mod support;

@@ -40,6 +40,12 @@ fn both_ways(recording: &Path, site_text: &str, classes_min: usize) {
         let same = std::fs::read(&found).unwrap() == std::fs::read(&expected).unwrap();
         assert!(same, "{name} differs; tog run said:\n{}", said.said());
     }
+    // The events of a replay are marked in its overview; those of a run are in its journal.
+    for name in ["grid.json", "background.png", "transit.png"] {
+        let [found, expected] = [&many, &one].map(|out| std::fs::read(out.join(name)).unwrap());
+        assert!(found == expected, "{name} differs");
+    }
+    assert!(many.join("overview.png").is_file());
     let seen: BTreeSet<u8> = Npy::read(&one.join("classes.npy")).bytes.into_iter().collect();
     assert!(seen.len() >= classes_min, "nothing was compared: only classes {seen:?}");
 }

@@ -24,6 +24,7 @@ mod class;
 mod diagnostics;
 mod laser;
 mod place;
+mod remark;
 mod rules;
 mod tree;
 mod words;
@@ -33,6 +34,8 @@ pub use class::{ClassPrototype, Preset};
 pub use diagnostics::{DIAGNOSTICS_MAX, Diagnostic, Diagnostics, Severity};
 pub use laser::{Laser, NoReturn, Pace, Source};
 pub use place::{Context, Weekday, Zone, minute_of_day};
+pub use remark::Remark;
+pub use words::is_id;
 
 use diagnostics::Finding;
 use schemars::JsonSchema;

@@ -44,7 +44,9 @@ pub(super) const PATTERNS: [Pattern; 2] = [
     (TIME_PATTERN, |text| minute_of_day(text).is_some(), "a time from \"00:00\" to \"23:59\""),
 ];
 
-fn is_id(text: &str) -> bool {
+/// Whether a text is an id of a site file: 1 to 32 letters, digits, `-` or `_`.
+#[must_use]
+pub fn is_id(text: &str) -> bool {
     let allowed = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'_';
     (1..=32).contains(&text.len()) && text.bytes().all(allowed)
 }

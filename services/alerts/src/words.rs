@@ -59,24 +59,30 @@ pub fn call(change: &EventChange) -> &'static str {
 }
 
 /// The change in one line of a log, whose own stamp says the date:
-/// `ALERT object left at door, foyer (3.2, 4.1) m, 19:54:38 CET: why [foyer-12]`.
+/// `ALERT object left, 19:54:38 CET: why and where [foyer-12]`,
+/// `FAULT coverage lost at foyer (3.2, 4.1) m, 19:54:38 CET: why [foyer-13]`.
 #[must_use]
 pub fn sentence(change: &EventChange, zone: &TimeZone) -> String {
     let time = format_time(change.stamp_ns, zone, "%H:%M:%S %Z");
-    told(change, &format!("at {}, {time}", place(change)))
+    told(change, &format!(", {time}"))
 }
 
 /// The change in one line of the feed:
-/// `2026-11-22 19:54:38 CET  ALERT object left at door, foyer (3.2, 4.1) m: why [foyer-12]`.
+/// `2026-11-22 19:54:38 CET  ALERT object left: why and where [foyer-12]`.
 #[must_use]
 pub fn line(change: &EventChange, zone: &TimeZone) -> String {
     let time = date_time(change.stamp_ns, zone);
-    format!("{time}  {}", told(change, &format!("at {}", place(change))))
+    format!("{time}  {}", told(change, ""))
 }
 
-fn told(change: &EventChange, at: &str) -> String {
+fn told(change: &EventChange, time: &str) -> String {
     let (call, kind) = (call(change), change.kind.words());
-    printable(&format!("{call} {kind} {at}: {} [{}]", change.text, change.id))
+    // The text of a happening says where in its first sentence; that of a fault need not.
+    let at = match change.kind.is_fault() {
+        true => format!(" at {}", place(change)),
+        false => String::new(),
+    };
+    printable(&format!("{call} {kind}{at}{time}: {} [{}]", change.text, change.id))
 }
 
 /// Control characters could move the cursor of a terminal or fake a line: they become a space.
@@ -111,17 +117,17 @@ mod tests {
         object.text = "something stands here".to_owned();
         assert_eq!(
             line(&object, &utc),
-            "2026-11-18 04:26:42 UTC  ALERT object left at door, foyer (2.2, 2.0) m: \
-             something stands here [foyer-12]"
+            "2026-11-18 04:26:42 UTC  ALERT object left: something stands here [foyer-12]"
         );
         assert_eq!(
             sentence(&object, &utc),
-            "ALERT object left at door, foyer (2.2, 2.0) m, 04:26:42 UTC: \
-             something stands here [foyer-12]"
+            "ALERT object left, 04:26:42 UTC: something stands here [foyer-12]"
         );
         object.state = EventState::Cleared;
         object.zone = None;
-        assert!(line(&object, &utc).contains("over object left at foyer (2.2, 2.0) m"));
+        assert!(line(&object, &utc).contains("over object left: something"));
+        object.kind = EventKind::CoverageLost;
+        assert!(line(&object, &utc).contains("restored coverage lost at foyer (2.2, 2.0) m: some"));
         object.kind = EventKind::ProcessRestarted;
         object.area.clear();
         assert!(line(&object, &utc).contains("restored process restarted at this host:"));

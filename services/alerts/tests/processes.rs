@@ -336,10 +336,7 @@ fn a_service_that_is_killed_again_and_again_tells_every_change_once() {
     origin.line_after("all acknowledged");
     for sequence in 1..=CHANGES {
         let line = watcher.line();
-        assert!(
-            line.contains(&format!("ALERT loitering at a ({:.1},", 0.1 * sequence as f64)),
-            "{line}"
-        );
+        assert!(line.contains("  ALERT loitering: "), "{line}");
         assert!(line.ends_with(&format!("[a-{sequence}]")), "{line} instead of {sequence}");
         assert!(line.contains("05:26:41 CET"), "{line}");
     }

@@ -296,18 +296,17 @@ impl Watch {
             let raised = state == EventState::Raised;
             door.event = raised.then_some(number);
             let (at_m, bounds) = (door.centre_m(), door.bounds);
-            let zone = self.ledger.zone(at_m);
+            let place = self.ledger.place(at_m);
             let text = if raised {
                 format!(
-                    "Door held open {}, for {}: allowed are {}. It reads `background` while it is shut; \
-                     found by itself from {} of normal life.",
-                    words::place(zone, at_m),
+                    "A door is held open: {place}, for {}. Allowed are {}. It reads `background` while \
+                     it is shut; found by itself from {} of normal life.",
                     words::duration(open_s),
                     words::duration(limit_s),
                     words::duration(self.learnt_s())
                 )
             } else {
-                words::cleared(EventKind::DoorHeldOpen, zone, at_m, open_s, "The door is shut.")
+                words::cleared("The door is shut", &place, open_s)
             };
             changes.push(self.ledger.change(Entry {
                 number,

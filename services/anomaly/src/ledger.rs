@@ -1,6 +1,7 @@
 //! The numbers and the common parts of every change.
 
 use crate::place::{Bounds, millimetres, zone_at};
+use crate::words;
 use protocol::event::{EventChange, EventKind, EventState, TEXT_BYTES_MAX};
 use protocol::site::Zone;
 
@@ -46,7 +47,13 @@ impl Ledger {
         number
     }
 
-    pub(crate) fn zone(&self, at_m: [f64; 2]) -> Option<&str> {
+    /// A point in words.
+    pub(crate) fn place(&self, at_m: [f64; 2]) -> String {
+        words::place(&self.area, self.zone(at_m), at_m)
+    }
+
+    /// The zone of a point.
+    fn zone(&self, at_m: [f64; 2]) -> Option<&str> {
         zone_at(&self.zones, at_m)
     }
 

@@ -185,17 +185,16 @@ impl Watch {
             if happening.number == 0 {
                 happening.number = ledger.number();
             }
-            let zone = ledger.zone(happening.centre_m);
+            let place = ledger.place(happening.centre_m);
             let text = if state == EventState::Cleared {
                 if quarantine.len() == QUARANTINE_MAX {
                     quarantine.pop_front();
                 }
                 quarantine.push_back((happening.trail, stamp_ns.saturating_add(quiet_ns)));
                 let seconds = happening.seen_ns.saturating_sub(happening.first_ns) as f64 * 1e-9;
-                let why = "Nothing unusual is seen here any more.";
-                words::cleared(happening.kind, zone, happening.centre_m, seconds, why)
+                words::cleared("Nothing unusual is seen any more", &place, seconds)
             } else {
-                words::happening(happening, sense, zone, stamp_ns, certainty)
+                words::happening(happening, sense, &place, stamp_ns, certainty)
             };
             changes.push(ledger.change(Entry {
                 number: happening.number,

@@ -1,4 +1,5 @@
-//! Events in words that a guard reads: where, since when, what is seen against what is normal, how sure.
+//! Events in words that a guard reads: first what happens, where and since when, in one sentence; then
+//! what is seen against what is normal; last how sure we are.
 //!
 //! Times are durations ("for 12 s"): the stamps lie beside the text, and whoever shows them knows the
 //! site's time zone.
@@ -25,23 +26,18 @@ pub(crate) fn duration(seconds: f64) -> String {
     }
 }
 
-/// "in zone `till`, at (3.2 m, 4.1 m)".
-pub(crate) fn place(zone: Option<&str>, at_m: [f64; 2]) -> String {
-    let point = format!("at ({:.1} m, {:.1} m)", at_m[0], at_m[1]);
-    zone.map_or(point.clone(), |zone| format!("in zone `{zone}`, {point}"))
+/// "till of foyer, at (3.2 m, 4.1 m)".
+pub(crate) fn place(area: &str, zone: Option<&str>, at_m: [f64; 2]) -> String {
+    let zone = zone.map_or_else(String::new, |zone| format!("{zone} of "));
+    format!("{zone}{area}, at ({:.1} m, {:.1} m)", at_m[0], at_m[1])
 }
 
 fn size(area_m2: f64) -> String {
     match area_m2 {
-        a if a < 0.04 => format!("a small area ({a:.2} m²)"),
-        a if a < 0.6 => format!("a person-sized area ({a:.2} m²)"),
-        a => format!("an area of {a:.1} m²"),
+        a if a < 0.04 => format!("A small area ({a:.2} m²)"),
+        a if a < 0.6 => format!("A person-sized area ({a:.2} m²)"),
+        a => format!("An area of {a:.1} m²"),
     }
-}
-
-fn capital(words: &str) -> String {
-    let mut letters = words.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
 /// How many, or `2.5`, without a needless `.0`.
@@ -53,32 +49,24 @@ fn number(value: f64) -> String {
 pub(crate) fn happening(
     happening: &Happening,
     sense: &Sense,
-    zone: Option<&str>,
+    place: &str,
     stamp_ns: u64,
     certainty: Certainty,
 ) -> String {
     let age_s = stamp_ns.saturating_sub(happening.first_ns) as f64 * 1e-9;
-    let mut text = format!(
-        "{} {}, for {}: ",
-        capital(happening.kind.words()),
-        place(zone, happening.centre_m),
-        duration(age_s.max(1.0)),
-    );
+    let what = plainly(happening.kind, happening.people as usize);
+    let mut text = format!("{what}: {place}, for {}.", duration(age_s.max(1.0)));
     if let Some(region) = &happening.region {
         let cell_m2 = sense.grid.cell_m * sense.grid.cell_m;
         let (slot, _) = region.slots.iter().enumerate().fold((0, 0), |best, (slot, count)| {
             if *count > best.1 { (slot, *count) } else { best }
         });
         text += &format!(
-            "{} reads `{}`; ",
+            " {} reads `{}`; ",
             size(f64::from(region.cells) * cell_m2),
             sense.roles.name(slot as u8)
         );
         text += &normal_here(sense, region.peak as usize);
-        text += explanation(happening.kind);
-        if happening.kind == EventKind::Crowd {
-            text += &format!(" About {} people.", happening.people);
-        }
     }
     text + &format!(
         " Score {:.1}, {:.1} times the level that normal life passes at most {} times a week{}.",
@@ -95,24 +83,28 @@ fn normal_here(sense: &Sense, cell: usize) -> String {
     };
     let (_, known) = sense.normal.frames(cell, slot);
     format!(
-        "here {:.1} % of {} is `{}`.",
-        // 100.0 % would claim more than a count that has met an exception can.
-        (share * 1000.0).floor() / 10.0,
+        "here {} % of {} is `{}`.",
+        // 100 % would claim more than a count that has met an exception can.
+        number((share * 1000.0).floor() / 10.0),
         duration(known * sense.period_s()),
         sense.roles.name(slot)
     )
 }
 
-fn explanation(kind: EventKind) -> &'static str {
-    match kind {
+/// What happens, as one person tells it to another.
+fn plainly(kind: EventKind, people: usize) -> String {
+    let words = match kind {
+        EventKind::UnusualActivity => "Somebody is where people do not go",
+        EventKind::Loitering => "Somebody stays where people do not stay",
         EventKind::ObjectLeft => {
-            " Something stands there and does not move: an object, or somebody who keeps still."
+            "Something stands still where nothing stood, an object or somebody who keeps still"
         }
-        EventKind::ObjectMissing => " What always stood there is gone or was moved.",
-        EventKind::Loitering => " Somebody stays where people do not stay.",
-        EventKind::UnusualActivity => " Somebody is where people do not go.",
-        _ => "",
-    }
+        EventKind::ObjectMissing => "What always stood here is gone or was moved",
+        EventKind::DoorHeldOpen => "A door is held open",
+        EventKind::Crowd => return format!("Far more people than usual, about {people}"),
+        fault => fault.words(),
+    };
+    words.to_owned()
 }
 
 fn basis(certainty: Certainty) -> String {
@@ -124,20 +116,28 @@ fn basis(certainty: Certainty) -> String {
     }
 }
 
-/// What a cleared happening says.
-pub(crate) fn cleared(
-    kind: EventKind,
-    zone: Option<&str>,
-    at_m: [f64; 2],
-    seconds: f64,
-    why: &str,
-) -> String {
-    format!("Over after {}: {} {}. {why}", duration(seconds), kind.words(), place(zone, at_m))
+/// What a cleared happening says: why it is over, where, and after how long.
+pub(crate) fn cleared(why: &str, place: &str, seconds: f64) -> String {
+    format!("{why}: {place}, over after {}.", duration(seconds))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_is_named_as_people_call_it_and_then_in_metres() {
+        let at_m = [8.84, 1.61];
+        let corner = place("foyer", Some("south-east corner"), at_m);
+        assert_eq!(corner, "south-east corner of foyer, at (8.8 m, 1.6 m)");
+        assert_eq!(place("foyer", None, at_m), "foyer, at (8.8 m, 1.6 m)");
+        let over = cleared("Nothing unusual is seen any more", &corner, 36.2);
+        assert_eq!(
+            over,
+            "Nothing unusual is seen any more: south-east corner of foyer, at (8.8 m, 1.6 m), over \
+             after 36 s."
+        );
+    }
 
     #[test]
     fn durations_read_as_a_person_says_them() {

@@ -108,7 +108,11 @@ fn a_walker_off_the_paths_is_told_within_seconds_at_the_right_place() {
     assert!(*at_s >= begin_s() && *at_s <= begin_s() + 20.0, "{at_s}");
     let people = building.staged_people(*at_s);
     assert!(near(change, people[0], 1.0), "{change:?} but the walker is at {people:?}");
-    assert!(change.text.starts_with("Unusual activity at ("), "{}", change.text);
+    assert!(
+        change.text.starts_with("Somebody is where people do not go: foyer, at ("),
+        "{}",
+        change.text
+    );
     assert!(change.text.contains("reads `transit`") && change.text.contains("`empty`"));
     assert!(change.extrapolated && change.text.contains("extrapolated"), "{}", change.text);
     assert!(change.score >= change.threshold);
@@ -126,7 +130,7 @@ fn somebody_who_stays_is_loitering_and_it_is_over_when_he_left() {
     assert!(story.iter().any(|change| near(change, far, 1.0)), "{story:#?}");
     let last = story[story.len() - 1];
     assert_eq!(last.state, EventState::Cleared);
-    assert!(last.text.starts_with("Over after"), "{}", last.text);
+    assert!(last.text.starts_with("Nothing unusual is seen any more: "), "{}", last.text);
     let sequences: Vec<u64> = told.iter().map(|(_, change)| change.sequence).collect();
     assert!(sequences.iter().copied().eq(1..=told.len() as u64), "{sequences:?}");
 }

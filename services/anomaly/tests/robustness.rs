@@ -73,7 +73,7 @@ fn an_excluded_zone_never_raises_and_a_named_one_is_named() {
     assert!(told.is_empty(), "{told:#?}");
     let told = feed(&mut watch, &mut number, 300, &map(Some(([15, 7], 2))));
     assert_eq!(told[0].zone.as_deref(), Some("till"));
-    assert!(told[0].text.contains("in zone `till`"), "{}", told[0].text);
+    assert!(told[0].text.contains(": till of foyer, at ("), "{}", told[0].text);
 }
 
 #[test]

@@ -8,7 +8,7 @@
 //! | `collapsed_counts.<context>.npy` | the same of one context, if the site names contexts |
 //! | `occupancy_last.npy` | f64 [timescale, row, col] after the last frame |
 
-use crate::npy::NpyWriter;
+use crate::npy::{NpyWriter, write_u64};
 use occupancy::TemporalGrid;
 use protocol::geometry::GridGeometry;
 use protocol::site::Area;
@@ -23,6 +23,15 @@ pub enum Rows {
     EveryFrame,
     /// The first of each second.
     OneASecond,
+}
+
+/// Name of the file with the collapsed counts of a context, or of all of them together.
+#[must_use]
+pub fn counts_file(context: Option<&str>) -> String {
+    match context {
+        None => "collapsed_counts.npy".to_owned(),
+        Some(context) => format!("collapsed_counts.{context}.npy"),
+    }
 }
 
 /// The files of one area.
@@ -87,11 +96,10 @@ impl Results {
             grid.collapsed(index, &mut counts);
             total.iter_mut().zip(&counts).for_each(|(total, count)| *total += count);
             if contexts.len() > 1 {
-                let path = self.directory.join(format!("collapsed_counts.{name}.npy"));
-                write_u64(&path, &shape, cells, &counts)?;
+                write_u64(&self.directory.join(counts_file(Some(name))), &shape, &counts)?;
             }
         }
-        write_u64(&self.directory.join("collapsed_counts.npy"), &shape, cells, &total)?;
+        write_u64(&self.directory.join(counts_file(None)), &shape, &total)?;
 
         let path = self.directory.join("occupancy_last.npy");
         let mut writer = NpyWriter::create(&path, "<f8", &shape)?;
@@ -105,12 +113,4 @@ impl Results {
         }
         writer.finish()
     }
-}
-
-fn write_u64(path: &Path, shape: &[usize], cells: usize, values: &[u64]) -> io::Result<()> {
-    let mut writer = NpyWriter::create(path, "<u8", shape)?;
-    for row in values.chunks(cells) {
-        writer.row(&row.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>())?;
-    }
-    writer.finish()
 }

@@ -65,15 +65,93 @@ pub struct StatusReport {
     pub services: Vec<ServiceStatus>,
 }
 
+/// Parts of the names of counters of what should not happen.
+const LOSSES: [&str; 7] = ["lost", "late", "dropped", "refused", "missed", "failed", "given_up"];
+
+impl ServiceStatus {
+    /// True if it runs and says that nothing is wrong.
+    fn is_well(&self) -> bool {
+        matches!(self.state, ProcessState::Running | ProcessState::Ended)
+    }
+
+    /// What it delivers, a second.
+    fn rate_hz(&self) -> Option<f64> {
+        let mut rates = self.gauges.iter().filter(|(name, _)| name.ends_with("_rate_hz"));
+        rates.next().map(|(_, rate_hz)| *rate_hz)
+    }
+
+    /// Age of its last data, or of the last word of it, seconds.
+    fn age_s(&self) -> Option<f64> {
+        self.gauges.get("scan_age_s").copied().or(self.health_age_s)
+    }
+
+    /// What is wrong, a line each.
+    fn complaints(&self) -> Vec<String> {
+        let faults = self.faults.iter().map(|fault| format!("{}: {}", fault.code, fault.text));
+        let mut lines: Vec<String> = faults.collect();
+        if let (ProcessState::Waiting, Some(end)) = (self.state, &self.last_end) {
+            lines.push(format!("ended with {end}, and is started again"));
+        }
+        match self.restarts {
+            0 => {}
+            1 => lines.push("was started again once".to_owned()),
+            n => lines.push(format!("was started again {n} times")),
+        }
+        let is_loss = |name: &str| LOSSES.iter().any(|loss| name.contains(loss));
+        let losses = self.counters.iter().filter(|(name, count)| is_loss(name) && **count > 0);
+        let losses: Vec<String> =
+            losses.map(|(name, count)| format!("{} {count}", name.replace('_', " "))).collect();
+        if !losses.is_empty() {
+            lines.push(format!("since its start: {}", losses.join(", ")));
+        }
+        lines
+    }
+}
+
 impl StatusReport {
     /// True if every process runs and says that nothing is wrong.
     #[must_use]
     pub fn is_healthy(&self) -> bool {
-        let well = |state| matches!(state, ProcessState::Running | ProcessState::Ended);
-        !self.stopping && self.services.iter().all(|service| well(service.state))
+        !self.stopping && self.services.iter().all(ServiceStatus::is_well)
     }
 
-    /// A table for people.
+    /// A line per service for people, and what is wrong spelled out below it.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let unwell = self.services.iter().filter(|service| !service.is_well()).count();
+        let health = match (self.stopping, unwell) {
+            (true, _) => "is stopping".to_owned(),
+            (false, 0) => "all is well".to_owned(),
+            (false, n) => format!("{n} of {} services are not well", self.services.len()),
+        };
+        let up = duration(self.stamp_ns.saturating_sub(self.started_ns) as f64 / 1e9);
+        let mut text = format!("site {}: {health}, up {up}\n", self.site);
+        let width = self.services.iter().map(|s| s.name.chars().count()).max().unwrap_or(0).max(7);
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "{:width$}  {:9} {:>7} {:>10} {:>8}",
+            "service", "state", "up", "rate", "age"
+        );
+        for service in &self.services {
+            let or_dash = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
+            let _ = writeln!(
+                text,
+                "{:width$}  {:9} {:>7} {:>10} {:>8}",
+                service.name,
+                format!("{:?}", service.state).to_lowercase(),
+                or_dash(service.up_s.map(duration)),
+                or_dash(service.rate_hz().map(|rate_hz| format!("{rate_hz:.1} Hz"))),
+                or_dash(service.age_s().map(|age_s| format!("{age_s:.1} s"))),
+            );
+            for complaint in service.complaints() {
+                let _ = writeln!(text, "{:width$}    ! {complaint}", "");
+            }
+        }
+        text
+    }
+
+    /// Everything for people: process ids, counters, gauges.
     #[must_use]
     pub fn table(&self) -> String {
         let mut text = format!(
@@ -177,6 +255,50 @@ mod tests {
             ["up 1m01s", "fusion foyer  degraded", "1h02m", "scans_in 7", "! late: scans are"]
         {
             assert!(table.contains(part), "{part}\n{table}");
+        }
+    }
+
+    #[test]
+    fn the_summary_spells_out_only_what_is_wrong() {
+        let service = |name: &str, state| ServiceStatus {
+            name: name.to_owned(),
+            state,
+            pid: Some(42),
+            restarts: 0,
+            up_s: Some(61.0),
+            health_age_s: Some(0.25),
+            last_end: None,
+            counters: [("scans_out".to_owned(), 700), ("scans_lost".to_owned(), 0)].into(),
+            gauges: [("scan_rate_hz".to_owned(), 9.98), ("scan_age_s".to_owned(), 0.06)].into(),
+            faults: Vec::new(),
+        };
+        let mut report = StatusReport {
+            site: "lab".into(),
+            run_dir: "/run/tog/lab".into(),
+            pid: 41,
+            started_ns: 0,
+            stamp_ns: 61_000_000_000,
+            stopping: false,
+            services: vec![service("laser front", ProcessState::Running)],
+        };
+        let well = "site lab: all is well, up 1m01s\n\
+                    service      state          up       rate      age\n\
+                    laser front  running     1m01s    10.0 Hz    0.1 s\n";
+        assert_eq!(report.summary(), well);
+        let mut fusion = service("fusion lab", ProcessState::Degraded);
+        fusion.restarts = 2;
+        fusion.counters.insert("scans_lost".to_owned(), 3);
+        let text = "laser `front` is silent".into();
+        fusion.faults.push(Fault { code: "laser_silent".into(), text, since_ns: 1 });
+        report.services.push(fusion);
+        let summary = report.summary();
+        for part in [
+            "site lab: 1 of 2 services are not well",
+            "! laser_silent: laser `front` is silent\n",
+            "! was started again 2 times\n",
+            "! since its start: scans lost 3\n",
+        ] {
+            assert!(summary.contains(part), "{part}\n{summary}");
         }
     }
 }

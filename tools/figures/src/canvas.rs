@@ -1,6 +1,9 @@
-//! A picture in memory: pixels, rectangles, smooth shapes, PNG.
+//! A picture in memory: rectangles, smooth shapes; as pixels (PNG) or as what was drawn (SVG).
 
 use crate::FigureError;
+use crate::input::FileFormat;
+use crate::palette;
+use crate::vector::Vector;
 
 /// Red, green, blue, 0..=255, sRGB.
 pub(crate) type Rgb = [u8; 3];
@@ -47,22 +50,42 @@ impl Rect {
     }
 }
 
-/// 8-bit RGB pixels, row 0 on top. Whatever is drawn outside is cut off.
+/// 8-bit RGB pixels, row 0 on top, or shapes. Whatever is drawn outside is cut off.
 pub(crate) struct Canvas {
     width: i32,
     height: i32,
+    /// Empty if the picture is one of shapes.
     rgb: Vec<u8>,
+    vector: Option<Vector>,
 }
 
 impl Canvas {
     /// A white canvas; sizes below 1 count as 1.
     pub fn new(width: i32, height: i32) -> Self {
         let (width, height) = (width.max(1), height.max(1));
-        Self { width, height, rgb: vec![255; width as usize * height as usize * 3] }
+        let rgb = vec![255; width as usize * height as usize * 3];
+        Self { width, height, rgb, vector: None }
+    }
+
+    /// A white canvas for a file of this format.
+    pub fn of(format: FileFormat, width: i32, height: i32) -> Self {
+        match format {
+            FileFormat::Png => Self::new(width, height),
+            FileFormat::Svg => {
+                let (width, height) = (width.max(1), height.max(1));
+                Self { width, height, rgb: Vec::new(), vector: Some(Vector::default()) }
+            }
+        }
+    }
+
+    /// Where shapes go, if the picture is one of shapes.
+    pub fn vector(&mut self) -> Option<&mut Vector> {
+        self.vector.as_mut()
     }
 
     fn offset(&self, x: i32, y: i32) -> Option<usize> {
-        let inside = x >= 0 && y >= 0 && x < self.width && y < self.height;
+        let pixels = self.vector.is_none();
+        let inside = pixels && x >= 0 && y >= 0 && x < self.width && y < self.height;
         inside.then(|| (y as usize * self.width as usize + x as usize) * 3)
     }
 
@@ -84,6 +107,10 @@ impl Canvas {
 
     /// Fills a rectangle.
     pub fn fill(&mut self, area: Rect, colour: Rgb) {
+        if let Some(vector) = &mut self.vector {
+            vector.rect(area, colour);
+            return;
+        }
         let (left, right) = (area.x.max(0), area.right().min(self.width));
         for y in area.y.max(0)..area.bottom().min(self.height) {
             if let Some(at) = self.offset(left, y).filter(|_| left < right) {
@@ -91,6 +118,30 @@ impl Canvas {
                     pixel.copy_from_slice(&colour);
                 }
             }
+        }
+    }
+
+    /// Fills a rectangle with the hatched grey of cells that were never observed.
+    pub fn fill_hatched(&mut self, area: Rect) {
+        if let Some(vector) = &mut self.vector {
+            vector.hatched(area);
+            return;
+        }
+        for y in area.y..area.bottom() {
+            for x in area.x..area.right() {
+                self.blend(x, y, palette::hatch(x, y), 1.0);
+            }
+        }
+    }
+
+    /// Draws pixels in a rectangle: `paint` gets a canvas of its size whose origin is its corner.
+    pub fn pixels(&mut self, area: Rect, paint: impl FnOnce(&mut Self, Rect)) {
+        let Some(vector) = &mut self.vector else { return paint(self, area) };
+        let mut image = Self::new(area.width, area.height);
+        paint(&mut image, Rect::new(0, 0, area.width, area.height));
+        // Pixels in memory always encode; were they not to, the map would be missing, not wrong.
+        if let Ok(png) = image.file() {
+            vector.image(area, &png);
         }
     }
 
@@ -104,6 +155,10 @@ impl Canvas {
 
     /// A disc round (x, y), edges smoothed.
     pub fn disc(&mut self, x: f32, y: f32, radius: f32, colour: Rgb) {
+        if let Some(vector) = &mut self.vector {
+            vector.disc(x, y, radius, colour);
+            return;
+        }
         let reach = radius.ceil() as i32 + 1;
         for py in y.round() as i32 - reach..=y.round() as i32 + reach {
             for px in x.round() as i32 - reach..=x.round() as i32 + reach {
@@ -115,6 +170,10 @@ impl Canvas {
 
     /// A convex polygon, corners in either sense, grown by `by` pixels, edges smoothed.
     pub fn polygon(&mut self, corners: &[[f32; 2]], by: f32, colour: Rgb) {
+        if let Some(vector) = &mut self.vector {
+            vector.polygon(corners, by, colour);
+            return;
+        }
         let bound = |axis: usize, pick: fn(f32, f32) -> f32| {
             corners.iter().map(|c| c[axis]).reduce(pick).unwrap_or(0.0)
         };
@@ -137,8 +196,11 @@ impl Canvas {
         }
     }
 
-    /// The picture as a PNG file, 8-bit RGB. The same pixels give the same bytes.
-    pub fn png(&self) -> Result<Vec<u8>, FigureError> {
+    /// The picture as a file: PNG of 8-bit RGB, or SVG. The same drawing gives the same bytes.
+    pub fn file(&self) -> Result<Vec<u8>, FigureError> {
+        if let Some(vector) = &self.vector {
+            return Ok(vector.file(self.width, self.height));
+        }
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
         encoder.set_color(png::ColorType::Rgb);

@@ -9,7 +9,7 @@ use crate::text::Face;
 use crate::view::{Paint, View};
 use protocol::grid::CLASS_UNKNOWN;
 
-/// Draws the class of every cell at one instant, as a PNG file, with a legend of `names`.
+/// Draws the class of every cell at one instant, as a file of `options.format`, with a legend of `names`.
 ///
 /// Unknown cells are hatched grey. Where the grid is too large for the picture, a pixel shows the
 /// most frequent class of its cells that is not `empty`, so that thin walls stay.
@@ -37,7 +37,8 @@ pub fn class_map(
         sheet::reduction_text(&view, "the most frequent class of them that is not empty"),
         sheet::outside_text("laser", &outside)
     );
-    let texts = Texts { title: &map.title, subtitle: &map.subtitle, caption };
+    let texts =
+        Texts { title: &map.title, subtitle: &map.subtitle, caption, format: options.format };
     let height = sheet::legend_height_px(&face, legend_px, &keys);
     let mut sheet = Sheet::new(view, &texts, legend_px + 22, 0, height)?;
     let view = sheet.view;
@@ -45,7 +46,7 @@ pub fn class_map(
     sheet.axes();
     marks::draw_marks(&mut sheet.canvas, &sheet.face, &view, lasers, &[]);
     sheet.legend(view.area().right() + 22, view.area().y + 8, legend_px, &keys);
-    sheet.canvas.png()
+    sheet.canvas.file()
 }
 
 /// The named classes, then unknown, then the laser.

@@ -56,6 +56,21 @@ pub struct OverviewMap {
     pub subtitle: String,
 }
 
+/// How the share of one class changed from one map to a later one of the same grid.
+#[derive(Debug, Clone)]
+pub struct ChangeMap {
+    /// Where the cells are.
+    pub grid: GridGeometry,
+    /// As [`ShareMap::share`], in the earlier map.
+    pub before: Vec<f32>,
+    /// As [`ShareMap::share`], in the later map.
+    pub after: Vec<f32>,
+    /// Large line on top.
+    pub title: String,
+    /// Small lines below.
+    pub subtitle: String,
+}
+
 /// A laser in a picture.
 #[derive(Debug, Clone)]
 pub struct LaserMark {
@@ -80,6 +95,16 @@ pub struct EventMark {
     pub label: String,
 }
 
+/// Format of the file of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FileFormat {
+    /// Pixels, 8-bit RGB.
+    #[default]
+    Png,
+    /// Shapes and text, the cells as an embedded PNG.
+    Svg,
+}
+
 /// How pictures look.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -91,11 +116,13 @@ pub struct Options {
     pub plot_max_px: [u32; 2],
     /// Show only the part that was ever observed (with its lasers), not the whole grid.
     pub crop: bool,
+    /// Format of the file.
+    pub format: FileFormat,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { gamma: 0.4, plot_max_px: [1000, 800], crop: true }
+        Self { gamma: 0.4, plot_max_px: [1000, 800], crop: true, format: FileFormat::Png }
     }
 }
 

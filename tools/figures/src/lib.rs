@@ -1,6 +1,6 @@
 //! Pictures of maps: how often each cell was of a class, where the lasers and the events are.
 //!
-//! Pure: data in, PNG bytes out; no file, no clock. Invariants:
+//! Pure: data in, bytes of a PNG or SVG file out; no file, no clock. Invariants:
 //! - y is up and x is right, in metres of the site, as everywhere in tog; cells are square.
 //! - One scale of colour for all classes of a map (0 to 100 % of the cell's observed frames), so
 //!   that pictures can be compared; it is printed beside the picture.
@@ -12,6 +12,7 @@
 //! |---|---|
 //! | `input.rs` | what is drawn: [`ShareMap`], [`ClassGrid`], [`OverviewMap`], marks, checks |
 //! | `share.rs` | [`class_share`]: one class of a collapsed map |
+//! | `change.rs` | [`share_change`]: one class of two collapsed maps |
 //! | `class_map.rs` | [`class_map`]: the classes at one instant |
 //! | `overview.rs` | [`overview`]: leading classes, lasers, events, and a panel per class |
 //! | `sheet.rs` | the page round a map: title, axes, scale bar, colour bar, legend, caption |
@@ -19,8 +20,10 @@
 //! | `marks.rs` | lasers and events, with labels that keep clear of each other |
 //! | `scale.rs`, `palette.rs` | round ticks, the scale of shares, the colours |
 //! | `canvas.rs`, `text.rs` | pixels and text; the typeface is DejaVu Sans, see `font/LICENSE` |
+//! | `vector.rs` | the same as SVG |
 
 mod canvas;
+mod change;
 mod class_map;
 mod input;
 mod marks;
@@ -30,11 +33,14 @@ mod scale;
 mod share;
 mod sheet;
 mod text;
+mod vector;
 mod view;
 
+pub use change::share_change;
 pub use class_map::class_map;
 pub use input::{
-    ClassGrid, ClassShare, EventMark, LaserMark, Options, OverviewMap, ShareMap, shares,
+    ChangeMap, ClassGrid, ClassShare, EventMark, FileFormat, LaserMark, Options, OverviewMap,
+    ShareMap, shares,
 };
 pub use overview::overview;
 pub use share::class_share;

@@ -30,7 +30,7 @@ const PANEL_NAME_PX: i32 = 28;
 /// Column of the colour bar beside the panels, pixels.
 const BAR_PX: i32 = 110;
 
-/// Draws a collapsed map in one picture, as a PNG file: a map of the leading class of each cell with
+/// Draws a collapsed map in one picture, as a file of `options.format`: a map of the leading class of each cell with
 /// lasers and numbered events, a list of these, and a panel with the shares of each class.
 ///
 /// A cell has the colour of its most frequent class other than class 0 (`empty`), the paler the
@@ -69,6 +69,7 @@ pub fn overview(
         title: &map.title,
         subtitle: &map.subtitle,
         caption: caption(map, lasers, events, options, [&view, &panels.view]),
+        format: options.format,
     };
     let (right, height) = match panels.beside {
         true => (right + 24 + panels.width_px(), map_height.max(panels.height_px())),
@@ -85,7 +86,7 @@ pub fn overview(
         false => [PAD, area.y + map_height + 10],
     };
     panels.draw(&mut sheet, map, lasers, options.gamma, at);
-    sheet.canvas.png()
+    sheet.canvas.file()
 }
 
 fn view_of(

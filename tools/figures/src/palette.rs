@@ -1,6 +1,6 @@
 //! Colours: viridis for shares, Okabe and Ito's for classes (told apart by colour-blind readers).
 
-use crate::canvas::{Canvas, Rect, Rgb};
+use crate::canvas::Rgb;
 use protocol::grid::CLASS_UNKNOWN;
 
 /// Marks of events: Okabe-Ito vermillion, which no class of the presets has.
@@ -44,14 +44,16 @@ pub(crate) fn hatch(x: i32, y: i32) -> Rgb {
     if (x + y).rem_euclid(8) == 0 { [206, 206, 206] } else { [234, 234, 234] }
 }
 
-/// Fills a rectangle with [`hatch`].
-pub(crate) fn fill_hatched(canvas: &mut Canvas, area: Rect) {
-    for y in area.y..area.bottom() {
-        for x in area.x..area.right() {
-            canvas.blend(x, y, hatch(x, y), 1.0);
-        }
-    }
+/// Colour of a change of share, -1..=1: blue where it fell, white where it stayed, red where it rose.
+/// ColorBrewer's RdBu: told apart by colour-blind readers.
+pub(crate) fn diverging(change: f64) -> Rgb {
+    let colour = colorous::RED_BLUE.eval_continuous(0.5 - change.clamp(-1.0, 1.0) / 2.0);
+    [colour.r, colour.g, colour.b]
 }
+
+/// Cells that only the later, or only the earlier of two maps has observed.
+pub(crate) const NEWLY_OBSERVED: Rgb = [244, 232, 170];
+pub(crate) const NO_MORE_OBSERVED: Rgb = [176, 190, 166];
 
 #[cfg(test)]
 mod tests {
@@ -65,6 +67,13 @@ mod tests {
         colours.sort_unstable();
         colours.dedup();
         assert_eq!(colours.len(), count);
+    }
+
+    #[test]
+    fn a_change_to_more_is_red_to_less_is_blue_and_none_is_nearly_white() {
+        let [more, less, none] = [1.0, -1.0, 0.0].map(diverging);
+        assert!(more[0] > more[2] + 50 && less[2] > less[0] + 50, "{more:?} {less:?}");
+        assert!(none.iter().all(|channel| *channel > 235), "{none:?}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ const RIGHT_PX: i32 = 116;
 /// Below the axis: the legend, pixels.
 const BELOW_PX: i32 = 30;
 
-/// Draws how often each cell was of one class, as a PNG file.
+/// Draws how often each cell was of one class, as a file of `options.format`.
 ///
 /// Colour is viridis at share ^ gamma, the same for every class; cells that were never observed
 /// are hatched grey. Where the grid is too large for the picture, a pixel shows the largest share
@@ -26,7 +26,7 @@ pub fn class_share(
     lasers: &[LaserMark],
     options: &Options,
 ) -> Result<Vec<u8>, FigureError> {
-    draw(map, lasers, options)?.canvas.png()
+    draw(map, lasers, options)?.canvas.file()
 }
 
 fn draw(map: &ShareMap, lasers: &[LaserMark], options: &Options) -> Result<Sheet, FigureError> {
@@ -44,6 +44,7 @@ fn draw(map: &ShareMap, lasers: &[LaserMark], options: &Options) -> Result<Sheet
             sheet::reduction_text(&view, "the largest share of them"),
             sheet::outside_text("laser", &outside)
         ),
+        format: options.format,
     };
     let mut sheet = Sheet::new(view, &texts, RIGHT_PX, BELOW_PX, 0)?;
     let view = sheet.view;

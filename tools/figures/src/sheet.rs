@@ -2,8 +2,9 @@
 
 use crate::FigureError;
 use crate::canvas::{Canvas, FAINT, INK, Rect, Rgb};
+use crate::input::FileFormat;
 use crate::marks;
-use crate::palette::{fill_hatched, viridis};
+use crate::palette::viridis;
 use crate::scale;
 use crate::text::{Anchor, Face, Style};
 use crate::view::View;
@@ -29,6 +30,8 @@ pub(crate) struct Texts<'a> {
     pub subtitle: &'a str,
     /// Sentences under the map.
     pub caption: String,
+    /// Format of the file.
+    pub format: FileFormat,
 }
 
 /// A page with a map in it.
@@ -58,7 +61,7 @@ impl Sheet {
         let top = PAD + 30 + LINE_PX * subtitle.len() as i32 + 12;
         let bottom = top + (height + AXIS_X_PX + below_px).max(height_px);
         let end = bottom + LINE_PX * caption.len() as i32 + PAD - 4;
-        let mut canvas = Canvas::new(page, end);
+        let mut canvas = Canvas::of(texts.format, page, end);
         let title = face.cut(texts.title, TITLE_PX, text_width);
         let style = |size, colour| Style::new(size, colour, Anchor::Left);
         face.draw(&mut canvas, &title, PAD, PAD + 10, style(TITLE_PX, INK));
@@ -126,23 +129,39 @@ impl Sheet {
 
     /// The scale of shares as a bar in `bar`, with numbers to its right and a title beside them.
     pub fn colour_bar(&mut self, bar: Rect, gamma: f64) {
+        let spacing = 18.0 / f64::from((bar.height - 1).max(1));
+        let marks = scale::share_marks(gamma, spacing);
+        let marks: Vec<(f64, String)> =
+            marks.into_iter().map(|(share, text)| (share.powf(gamma), text)).collect();
+        let titles = ["share of the observed frames", "share of frames", "share"];
+        self.bar(bar, viridis, &marks, &titles);
+    }
+
+    /// A bar from the colour of 0 (below) to that of 1 (above), with marks at places 0..=1 and the
+    /// first of the titles that fits.
+    pub fn bar(
+        &mut self,
+        bar: Rect,
+        colour: impl Fn(f64) -> Rgb,
+        marks: &[(f64, String)],
+        titles: &[&str],
+    ) {
         for y in bar.y..bar.bottom() {
-            // Middle of the first row is share 1, middle of the last is share 0.
+            // Middle of the first row is 1, middle of the last is 0.
             let up = f64::from(bar.bottom() - 1 - y) / f64::from((bar.height - 1).max(1));
-            self.canvas.fill(Rect::new(bar.x, y, bar.width, 1), viridis(up));
+            self.canvas.fill(Rect::new(bar.x, y, bar.width, 1), colour(up));
         }
         self.canvas.outline(bar.grown(1), INK);
         let span = f64::from(bar.height - 1);
         let style = |anchor| Style::new(SMALL_PX, INK, anchor);
-        for (share, text) in scale::share_marks(gamma, 18.0 / span.max(1.0)) {
-            let y = bar.bottom() - 1 - (share.powf(gamma) * span).round() as i32;
+        for (at, text) in marks {
+            let y = bar.bottom() - 1 - (at * span).round() as i32;
             self.canvas.fill(Rect::new(bar.right() + 1, y, 5, 1), INK);
-            self.face.draw(&mut self.canvas, &text, bar.right() + 10, y, style(Anchor::Left));
+            self.face.draw(&mut self.canvas, text, bar.right() + 10, y, style(Anchor::Left));
         }
         let (x, middle) = (bar.right() + 66, bar.y + bar.height / 2);
-        let titles = ["share of the observed frames", "share of frames", "share"];
-        let fits = |t: &&str| self.face.width(t, SMALL_PX) <= bar.height;
-        let title = titles.into_iter().find(fits).unwrap_or_default();
+        let fits = |t: &&&str| self.face.width(t, SMALL_PX) <= bar.height;
+        let title = titles.iter().find(fits).copied().unwrap_or_default();
         self.face.draw_upwards(&mut self.canvas, title, x, middle, style(Anchor::Centre));
     }
 
@@ -153,7 +172,7 @@ impl Sheet {
             let swatch = Rect::new(x, y - 7, 22, 14);
             match key {
                 Key::Colour(colour) => self.canvas.fill(swatch, *colour),
-                Key::Never => fill_hatched(&mut self.canvas, swatch),
+                Key::Never => self.canvas.fill_hatched(swatch),
                 Key::Laser => marks::legend_arrow(&mut self.canvas, x + 9, y),
                 Key::Event(n) => marks::disc(&mut self.canvas, &self.face, *n, x + 11, y),
             }
@@ -233,7 +252,8 @@ mod tests {
     fn sheet() -> Sheet {
         let grid = GridGeometry { origin_m: [0.0; 2], cell_m: 0.1, columns: 30, rows: 30 };
         let view = View::new(&grid, None, &[], PLOT_MIN_PX, [400, 400]);
-        let texts = Texts { title: "title", subtitle: "", caption: String::new() };
+        let texts =
+            Texts { title: "title", subtitle: "", caption: String::new(), format: FileFormat::Png };
         Sheet::new(view, &texts, 120, 0, 0).unwrap()
     }
 

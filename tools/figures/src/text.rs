@@ -2,6 +2,7 @@
 
 use crate::FigureError;
 use crate::canvas::{Canvas, Rect, Rgb, WHITE};
+use crate::vector::Words;
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
 
 static DEJAVU_SANS: &[u8] = include_bytes!("../font/DejaVuSans-Latin.ttf");
@@ -160,6 +161,9 @@ impl Face {
 
     /// Draws a text whose anchor is at x and whose capitals are centred on y.
     pub fn draw(&self, canvas: &mut Canvas, text: &str, x: i32, y: i32, style: Style) {
+        if canvas.vector().is_some() {
+            return self.write(canvas, text, [x, y], style, false);
+        }
         let mask = self.mask(text, style);
         if style.halo {
             mask.spread(HALO_PX).paint(|dx, dy, a| canvas.blend(x + dx, y + dy, WHITE, a));
@@ -169,8 +173,30 @@ impl Face {
 
     /// The same turned a quarter to the left: it is read from below upwards.
     pub fn draw_upwards(&self, canvas: &mut Canvas, text: &str, x: i32, y: i32, style: Style) {
+        if canvas.vector().is_some() {
+            return self.write(canvas, text, [x, y], style, true);
+        }
         let mask = self.mask(text, style);
         mask.paint(|dx, dy, a| canvas.blend(x + dy, y - dx, style.colour, a));
+    }
+
+    /// Leaves the text as text in a picture of shapes.
+    fn write(&self, canvas: &mut Canvas, text: &str, [x, y]: [i32; 2], style: Style, up: bool) {
+        let Some(vector) = canvas.vector() else { return };
+        vector.text(&Words {
+            text: &self.shown(text).into_iter().collect::<String>(),
+            at: [x as f32, y as f32 + style.size * HALF_CAPITAL_EM],
+            size: style.size,
+            width: self.lay(text, style.size).1,
+            colour: style.colour,
+            anchor: match style.anchor {
+                Anchor::Left => "start",
+                Anchor::Centre => "middle",
+                Anchor::Right => "end",
+            },
+            halo: if style.halo { HALO_PX } else { 0 },
+            turned_at: up.then_some([x, y]),
+        });
     }
 }
 

@@ -1,7 +1,6 @@
 //! The window of a grid that a picture shows, and the way from metres to pixels.
 
 use crate::canvas::{Canvas, Rect, Rgb, WHITE};
-use crate::palette::hatch;
 use protocol::geometry::GridGeometry;
 
 /// A cell is at most this wide: larger squares show nothing more.
@@ -131,7 +130,10 @@ impl View {
 
     /// Paints the cells; `paint` gets the indices of all cells of a square, row by row.
     pub fn paint_cells(&self, canvas: &mut Canvas, paint: impl Fn(&[usize]) -> Paint) {
-        let area = self.area();
+        canvas.pixels(self.area(), |canvas, area| self.paint_into(canvas, area, paint));
+    }
+
+    fn paint_into(&self, canvas: &mut Canvas, area: Rect, paint: impl Fn(&[usize]) -> Paint) {
         let mut indices = Vec::new();
         for down in 0..area.height / self.cell_px {
             let up = i64::from(area.height / self.cell_px - 1 - down);
@@ -149,13 +151,7 @@ impl View {
                 }
                 match paint(&indices) {
                     Paint::Colour(colour) => canvas.fill(square, colour),
-                    Paint::Never => {
-                        for y in square.y..square.bottom() {
-                            for x in square.x..square.right() {
-                                canvas.blend(x, y, hatch(x, y), 1.0);
-                            }
-                        }
-                    }
+                    Paint::Never => canvas.fill_hatched(square),
                 }
             }
         }

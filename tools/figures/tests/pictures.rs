@@ -2,8 +2,8 @@
 #![allow(clippy::unwrap_used)]
 
 use figures::{
-    ClassGrid, ClassShare, EventMark, LaserMark, Options, OverviewMap, ShareMap, class_map,
-    class_share, overview,
+    ChangeMap, ClassGrid, ClassShare, EventMark, FileFormat, LaserMark, Options, OverviewMap,
+    ShareMap, class_map, class_share, overview, share_change,
 };
 use proptest::prelude::*;
 use protocol::geometry::GridGeometry;
@@ -191,4 +191,40 @@ proptest! {
         let bytes = overview(&whole, &lasers, &events, &options).unwrap();
         prop_assert!(Picture::of(&bytes).edge_is_blank());
     }
+}
+
+#[test]
+fn an_svg_has_the_size_of_the_png_its_texts_as_text_and_its_cells_as_a_picture() {
+    let grid = grid(30, 20);
+    let map = share_map(grid, |i| if i % 7 == 0 { 1.0 } else { 0.0 });
+    let lasers = [laser("north & <east>", -2.0, 13.0)];
+    let svg = Options { format: FileFormat::Svg, ..Options::default() };
+    let file = String::from_utf8(class_share(&map, &lasers, &svg).unwrap()).unwrap();
+    let png = Picture::of(&class_share(&map, &lasers, &Options::default()).unwrap());
+    let size = format!("width=\"{}\" height=\"{}\"", png.width, png.height());
+    assert!(file.contains(&size), "{size}");
+    for text in ["foyer: passing</text>", "2 min observed</text>", "x (m)</text>", "100 %</text>"] {
+        assert!(file.contains(text), "{text}");
+    }
+    assert!(file.contains("north &amp; &lt;east&gt;</text>"));
+    assert_eq!(file.matches("href=\"data:image/png;base64,").count(), 1);
+    assert!(file.len() < 60_000, "{} bytes", file.len());
+}
+
+#[test]
+fn a_change_is_red_where_the_share_rose_and_its_place_is_listed() {
+    let grid = grid(20, 20);
+    let before = vec![0.0; grid.cells()];
+    let mut after = before.clone();
+    after[grid.index(3, 4)] = 1.0;
+    let (title, subtitle) = ("hall: change of background".into(), String::new());
+    let map = ChangeMap { grid, before, after, title, subtitle };
+    let places = [EventMark { x_m: -2.0, y_m: 13.0, label: "something solid appeared".into() }];
+    let options = Options { gamma: 1.0, ..Options::default() };
+    let picture = Picture::of(&share_change(&map, &[], &places, &options).unwrap());
+    let red = picture.find([103, 0, 31]).into_iter().filter(|p| p.0 + 150 < picture.width);
+    assert!(red.count() > 300, "one cell of whole pixels");
+    assert!(picture.edge_is_blank());
+    let short = ChangeMap { after: vec![0.0], ..map };
+    assert!(share_change(&short, &[], &[], &options).is_err());
 }
