@@ -96,12 +96,6 @@ impl<'a> Cursor<'a> {
         self.word(what).map(f32::from_le_bytes)
     }
 
-    /// Passes a string (length, bytes).
-    pub fn skip_string(&mut self, what: &str) -> Result<(), String> {
-        let length = self.u32(what)? as usize;
-        self.take(length, what).map(|_| ())
-    }
-
     /// A sequence of floats (count, floats) of at most `count_max`; nothing is allocated before the
     /// count was compared with the bytes that are left.
     pub fn f32s(&mut self, count_max: usize, what: &str) -> Result<Vec<f32>, String> {

@@ -28,22 +28,35 @@
 
 mod bag;
 mod bag_v1;
+mod carmen;
+mod columns;
+mod csv;
 mod cursor;
+mod db3;
 mod error;
 mod extent;
 mod format;
 mod index;
 mod laser_scan;
 mod mcap_file;
+mod number;
+mod options;
+mod parts;
+mod player;
 mod record;
 mod recording;
 mod section;
+mod sick_codes;
 mod stream;
+mod text;
+mod unpack;
 mod writer;
 
+pub use columns::ColumnMap;
 pub use error::RecordingError;
 pub use extent::{Extent, ExtentError, MARGIN_M, TAIL_SHARE};
 pub use format::Format;
 pub use index::{GAP_NS, RecordingIndex, TopicSummary};
+pub use options::{Echo, ReadOptions};
 pub use recording::{RecordedScan, Recording, Scans};
 pub use writer::{ScanTopic, ScanWriter, as_recorded};
