@@ -20,6 +20,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -69,12 +70,14 @@ impl McapReader {
         Self::over(Section::new(file, 0, length), length, options, watch, Known::default())
     }
 
-    /// The one chunk whose record is bytes `begin..end` of a file; what its channels are is known.
-    pub fn of_chunk(file: Arc<File>, begin: u64, end: u64, known: Known) -> Self {
+    /// A chunk whose record is `bytes` of a file, one of `count` that are looked at; what its
+    /// channels are is known.
+    pub fn of_chunk(file: Arc<File>, bytes: Range<u64>, count: u64, known: Known) -> Self {
         let options =
             LinearReaderOptions::default().with_skip_start_magic(true).with_skip_end_magic(true);
-        let section = Section::new(file, begin, end);
-        Self::over(section, end.saturating_sub(begin), options, ChunkWatch::behind(0), known)
+        let length = bytes.end.saturating_sub(bytes.start);
+        let section = Section::new(file, bytes.start, bytes.end);
+        Self::over(section, length, options, ChunkWatch::of_one_chunk_of(count), known)
     }
 
     fn over(

@@ -115,6 +115,11 @@ impl Recording {
         self.parts.iter().map(|part| part.length).sum()
     }
 
+    /// How it is read.
+    pub(crate) fn options(&self) -> &ReadOptions {
+        &self.options
+    }
+
     /// Its files in order.
     pub(crate) fn parts(&self) -> &[Part] {
         &self.parts
@@ -278,6 +283,11 @@ impl Scans {
     #[must_use]
     pub fn other_topics(&self) -> &BTreeMap<String, String> {
         &self.channels.others
+    }
+
+    /// The topics that were met.
+    pub(crate) fn into_channels(self) -> Channels {
+        self.channels
     }
 
     /// Bytes of the recording that were passed, for a progress bar.

@@ -20,8 +20,9 @@ const ALL: [SickCodes; 4] = [
     SickCodes { range_max_m: 16.375, unit_m: 0.001 },
     SickCodes { range_max_m: 8.183, unit_m: 0.001 },
 ];
-/// Codes are ..F7 to ..FF.
-const LAST_CODE: f64 = 8.0;
+/// The codes that there are, counted from ..F7: the numbers between them are ranges.
+const CODES: [u32; 6] = [0, 3, 4, 6, 7, LAST_CODE];
+const LAST_CODE: u32 = 8;
 
 impl SickCodes {
     /// The mode in which the highest number of a log is a code.
@@ -31,23 +32,21 @@ impl SickCodes {
 
     /// The mode of a driver that tells a range of 8.192, 16.384, 32.768 or 81.92 m.
     pub fn of_declared_max(range_max_m: f64) -> Option<Self> {
-        let next_m = |codes: &Self| codes.range_max_m + (LAST_CODE + 1.0) * codes.unit_m;
+        let next_m = |codes: &Self| codes.range_max_m + f64::from(LAST_CODE + 1) * codes.unit_m;
         ALL.into_iter().find(|codes| (next_m(codes) - range_max_m).abs() < codes.unit_m / 2.0)
     }
 
     /// Number of the code behind ..F7, if the reading is one.
     fn code(&self, range_m: f64) -> Option<u32> {
-        let code = ((range_m - self.range_max_m) / self.unit_m).round();
-        let exact_m = self.range_max_m + code * self.unit_m;
-        let is_code = (0.0..=LAST_CODE).contains(&code) && (range_m - exact_m).abs() < 2e-4;
-        is_code.then_some(code as u32)
+        let exact_m = |code: &u32| self.range_max_m + f64::from(*code) * self.unit_m;
+        CODES.into_iter().find(|code| (range_m - exact_m(code)).abs() < 2e-4)
     }
 
     /// A reading by REP 117: +inf for "nothing there", NaN for a fault, else as it is.
     pub fn decoded(&self, range_m: f32) -> f32 {
         match self.code(f64::from(range_m)) {
             None => range_m,
-            Some(0 | 8) => f32::INFINITY,
+            Some(0 | LAST_CODE) => f32::INFINITY,
             Some(_) => f32::NAN,
         }
     }

@@ -19,6 +19,11 @@ pub(crate) struct Budget {
 }
 
 impl Budget {
+    /// A `count`-th of what a file may unpack to from the first.
+    fn one_of(count: u64) -> Self {
+        Self { unpacked: FREE_BYTES - FREE_BYTES / count.max(1) }
+    }
+
     /// Counts `bytes` that are to come out of the first `packed` bytes of a file.
     ///
     /// # Errors
@@ -58,6 +63,11 @@ impl ChunkWatch {
     /// The first record begins behind `skip` bytes.
     pub fn behind(skip: u64) -> Self {
         Self { budget: Budget::default(), seen: 0, skip, head: Vec::new(), fault: None }
+    }
+
+    /// Watches one chunk of `count` that are looked at.
+    pub fn of_one_chunk_of(count: u64) -> Self {
+        Self { budget: Budget::one_of(count), ..Self::behind(0) }
     }
 
     /// What is wrong with the bytes so far, once.
