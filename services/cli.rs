@@ -40,6 +40,8 @@ pub enum Verb {
     Status(Status),
     /// List or follow the alerts of a site.
     Alerts(Alerts),
+    /// Recordings: what they hold, from and into other formats.
+    Bag(crate::bag::cli::Bag),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.
@@ -100,7 +102,7 @@ laser at (0, 0): a recording does not say how its lasers are mounted.
 Exit code 0: replayed to the end. 1: refused, or the recording is cut (what came before is written).")]
 /// Arguments of `tog replay`.
 pub struct Replay {
-    /// The recording: MCAP (ROS 2 LaserScan) or ROS 1 bag.
+    /// The recording, of any format that `tog bag info` reads.
     pub recording: PathBuf,
     /// Site file whose replay lasers are fed from the recording.
     #[arg(long, value_name = "SITE")]
