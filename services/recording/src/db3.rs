@@ -128,13 +128,13 @@ impl Bag {
         };
         connection.progress_handler(STEPS, Some(is_over)).map_err(sql)?;
         let cut = missing(path, length).map_err(StreamEnd::Io)?;
-        let pragmas = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; \
-                       PRAGMA mmap_size = 0; PRAGMA cache_size = -2000;";
-        connection.execute_batch(pragmas).map_err(sql)?;
         if cut.as_ref().is_some_and(|cut| cut.is_short) {
             // Otherwise SQLite refuses a file that lacks its last pages as a whole.
             connection.execute_batch("PRAGMA writable_schema = ON").map_err(sql)?;
         }
+        let pragmas = "PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; \
+                       PRAGMA mmap_size = 0; PRAGMA cache_size = -2000;";
+        connection.execute_batch(pragmas).map_err(sql)?;
         check_tables(&connection).map_err(damaged)?;
         let topics = topics(&connection, channels).map_err(damaged)?;
         let rows = "SELECT max(rowid) FROM messages";
