@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 10] = [
+const VERBS: [&[&str]; 14] = [
     &[],
     &["demo"],
     &["replay"],
@@ -12,6 +12,10 @@ const VERBS: [&[&str]; 10] = [
     &["status"],
     &["alerts", "list"],
     &["alerts", "watch"],
+    &["bag", "info"],
+    &["bag", "import"],
+    &["bag", "export"],
+    &["bag", "convert"],
     &["check"],
     &["learn"],
     &["schema"],
