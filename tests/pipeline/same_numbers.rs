@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// What `tog run --out` and `tog replay --out --every-frame` both write.
-pub const ARRAYS: [&str; 4] =
+const ARRAYS: [&str; 4] =
     ["classes.npy", "frames.npy", "collapsed_counts.npy", "occupancy_last.npy"];
 
 /// Replays a recording in one process.
