@@ -5,7 +5,7 @@
 
 use crate::cursor::Cursor;
 use crate::mcap_file::{Known, RECORD_BYTES_MAX};
-use crate::recording::Part;
+use crate::part::Part;
 use crate::stream::{Channels, Raw};
 use mcap::MAGIC;
 use mcap::records::op;

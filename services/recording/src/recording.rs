@@ -1,20 +1,14 @@
 //! A recording and the stream of its scans.
 
-use crate::bag::BagReader;
-use crate::bag_v1::BagV1Reader;
-use crate::db3::{self, Db3Reader};
 use crate::error::RecordingError;
-use crate::format::{Format, Kind, detect};
+use crate::format::Format;
 use crate::laser_scan::{Wire, decode};
-use crate::mcap_file::McapReader;
 use crate::options::ReadOptions;
+use crate::part::{Part, Reader};
 use crate::parts;
 use crate::stream::{Channels, Raw, StreamEnd};
-use crate::text::TextReader;
 use protocol::scan::LaserScan;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -25,15 +19,6 @@ pub struct Recording {
     /// Never empty.
     parts: Vec<Part>,
     options: ReadOptions,
-}
-
-/// A file of a recording.
-#[derive(Debug, Clone)]
-pub(crate) struct Part {
-    pub path: PathBuf,
-    pub file: Arc<File>,
-    pub length: u64,
-    pub kind: Kind,
 }
 
 impl Recording {
@@ -56,43 +41,6 @@ impl Recording {
         let parts = files.iter().map(|file| Part::open(file, &options));
         let parts = parts.collect::<Result<Vec<_>, _>>()?;
         Ok(Self { path: path.to_owned(), parts, options })
-    }
-}
-
-impl Part {
-    fn open(path: &Path, options: &ReadOptions) -> Result<Self, RecordingError> {
-        let io = |source| RecordingError::Io { path: path.to_owned(), action: "open", source };
-        // Looked at before it is opened: opening a pipe that nobody writes to would wait for ever.
-        let metadata = std::fs::metadata(path).map_err(io)?;
-        if metadata.is_dir() {
-            let reason = "where a file of a bag was expected".to_owned();
-            return Err(RecordingError::Directory { path: path.to_owned(), reason });
-        }
-        if !metadata.is_file() {
-            return Err(io(io::Error::new(
-                io::ErrorKind::InvalidInput,
-                "found a device or a pipe, expected a file",
-            )));
-        }
-        let file = Arc::new(File::open(path).map_err(io)?);
-        let kind = detect(path, &file, options)?;
-        if kind.format == Format::Ros2Db3 {
-            db3::check(path, metadata.len())?;
-        }
-        Ok(Self { path: path.to_owned(), file, length: metadata.len(), kind })
-    }
-
-    fn reader(&self, options: &ReadOptions) -> Reader {
-        let (file, length) = (self.file.clone(), self.length);
-        match self.kind.format {
-            Format::Ros1Bag => Reader::Bag(BagReader::new(file, length)),
-            Format::Ros1BagV1 => Reader::BagV1(BagV1Reader::new(file, length)),
-            Format::Mcap => Reader::Mcap(Box::new(McapReader::new(file, length))),
-            Format::Ros2Db3 => Reader::Db3(Box::new(Db3Reader::new(&self.path, length))),
-            Format::Carmen | Format::Player | Format::Csv => {
-                Reader::Text(Box::new(TextReader::new(file, length, self.kind, options)))
-            }
-        }
     }
 }
 
@@ -215,40 +163,6 @@ pub struct RecordedScan {
     pub scan_time_s: f32,
     /// The scan; `stamp_ns` is the stamp of its header, or the log time if that is 0.
     pub scan: LaserScan,
-}
-
-enum Reader {
-    Bag(BagReader),
-    BagV1(BagV1Reader),
-    Mcap(Box<McapReader>),
-    Db3(Box<Db3Reader>),
-    Text(Box<TextReader>),
-}
-
-impl Reader {
-    fn next(
-        &mut self,
-        channels: &mut Channels,
-        raw: &mut Raw,
-    ) -> Result<Option<(usize, Wire)>, StreamEnd> {
-        match self {
-            Self::Bag(reader) => reader.next(channels, raw),
-            Self::BagV1(reader) => reader.next(channels, raw),
-            Self::Mcap(reader) => reader.next(channels, raw),
-            Self::Db3(reader) => reader.next(channels, raw),
-            Self::Text(reader) => reader.next(channels, raw),
-        }
-    }
-
-    fn position(&self) -> u64 {
-        match self {
-            Self::Bag(reader) => reader.position(),
-            Self::BagV1(reader) => reader.position(),
-            Self::Mcap(reader) => reader.position(),
-            Self::Db3(reader) => reader.position(),
-            Self::Text(reader) => reader.position(),
-        }
-    }
 }
 
 /// The scans of a recording: an iterator that ends at the end of the file, or behind the first

@@ -304,3 +304,39 @@ pub fn db3(path: &Path, messages: &[(&str, &str, Vec<u8>)]) {
         bag.execute(insert, row).unwrap();
     }
 }
+
+/// A MultiEchoLaserScan of ROS 1 with these (ranges, intensities) by beam.
+pub fn multi_echo(beams: &[(&[f32], &[f32])]) -> Vec<u8> {
+    let mut body = Fields { ranges: Vec::new(), ..Fields::default() }.ros1();
+    body.truncate(body.len() - 8); // both empty sequences
+    for part in [0, 1] {
+        body.extend((beams.len() as u32).to_le_bytes());
+        for beam in beams {
+            let floats = [beam.0, beam.1][part];
+            body.extend((floats.len() as u32).to_le_bytes());
+            floats.iter().for_each(|float| body.extend(float.to_le_bytes()));
+        }
+    }
+    body
+}
+
+/// Everything that a recording gives.
+pub fn read_with(
+    path: &Path,
+    options: recording::ReadOptions,
+) -> (Vec<recording::RecordedScan>, Vec<recording::RecordingError>) {
+    let (mut scans, mut errors) = (Vec::new(), Vec::new());
+    for item in recording::Recording::open_with(path, options).unwrap().scans() {
+        match item {
+            Ok(scan) => scans.push(scan),
+            Err(error) => errors.push(error),
+        }
+    }
+    (scans, errors)
+}
+
+/// Everything that these bytes give.
+pub fn read(bytes: &[u8]) -> (Vec<recording::RecordedScan>, Vec<recording::RecordingError>) {
+    let (_directory, path) = file(bytes);
+    read_with(&path, recording::ReadOptions::default())
+}
