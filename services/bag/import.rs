@@ -78,12 +78,19 @@ fn check_out(from: &Path, out: &Path, force: bool) -> Result<(), BagError> {
     Ok(())
 }
 
+/// What a laser is called in the copy.
+#[derive(Clone)]
+struct Named {
+    topic: Arc<str>,
+    frame_id: Arc<str>,
+}
+
 /// Scans on their way.
 struct Copy<'a> {
     selection: &'a Selection,
     sink: Sink,
-    /// New topic and coordinates by the topic of the recording; `None` if it is left out.
-    names: BTreeMap<Arc<str>, Option<(Arc<str>, Arc<str>)>>,
+    /// Names in the copy by the topic of the recording; `None` if it is left out.
+    names: BTreeMap<Arc<str>, Option<Named>>,
     /// Stamp of the first scan, and the highest, of all topics.
     span_ns: Option<(u64, u64)>,
     copied: u64,
@@ -118,7 +125,7 @@ impl<'a> Copy<'a> {
         let behind_s = (i128::from(stamp_ns) - i128::from(first_ns)) as f64 / SECOND_NS as f64;
         let is_early = self.selection.from_s.is_some_and(|from_s| behind_s < from_s);
         let is_late = self.selection.to_s.is_some_and(|to_s| behind_s > to_s);
-        let Some((topic, frame_id)) = self.name(&found) else { return Ok(()) };
+        let Some(Named { topic, frame_id }) = self.name(&found) else { return Ok(()) };
         if is_early || is_late {
             return Ok(());
         }
@@ -129,14 +136,14 @@ impl<'a> Copy<'a> {
         Ok(())
     }
 
-    /// Topic and coordinates of a scan in the copy.
-    fn name(&mut self, found: &RecordedScan) -> Option<(Arc<str>, Arc<str>)> {
+    /// What the laser of a scan is called in the copy.
+    fn name(&mut self, found: &RecordedScan) -> Option<Named> {
         if let Some(known) = self.names.get(&found.topic) {
             return known.clone();
         }
         let named = if self.selection.lasers.is_empty() {
             let taken: Vec<Arc<str>> =
-                self.names.values().flatten().map(|(topic, _)| topic.clone()).collect();
+                self.names.values().flatten().map(|named| named.topic.clone()).collect();
             let topic = if self.sink.wants_ros_names() {
                 ros_name(&found.topic, &taken)
             } else {
@@ -146,11 +153,12 @@ impl<'a> Copy<'a> {
                 "" => format!("laser_{}", topic.trim_matches('/').replace('/', "_")),
                 frame_id => frame_id.to_owned(),
             };
-            Some((topic.into(), frame_id.into()))
+            Some(Named { topic: topic.into(), frame_id: frame_id.into() })
         } else {
             let mut lasers = self.selection.lasers.iter();
-            lasers.find(|laser| *laser.topic == *found.topic).map(|laser| {
-                (format!("/{}", laser.laser).into(), format!("laser_{}", laser.laser).into())
+            lasers.find(|laser| *laser.topic == *found.topic).map(|laser| Named {
+                topic: format!("/{}", laser.laser).into(),
+                frame_id: format!("laser_{}", laser.laser).into(),
             })
         };
         self.names.insert(found.topic.clone(), named.clone());
@@ -196,7 +204,7 @@ impl<'a> Copy<'a> {
             counts.map(|(topic, count)| format!("{topic} {count} scans")).collect();
         eprintln!("tog: wrote {}: {}", out.display(), counts.join(", "));
         for (from, to) in &self.names {
-            if let Some((topic, _)) = to.as_ref().filter(|(topic, _)| topic != from) {
+            if let Some(Named { topic, .. }) = to.as_ref().filter(|named| named.topic != *from) {
                 eprintln!("tog: {from} is {topic} there");
             }
         }

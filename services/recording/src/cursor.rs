@@ -27,6 +27,11 @@ impl<'a> Cursor<'a> {
         let big_endian = match header[..2] {
             [0, 0] => true,
             [0, 1] => false,
+            [0x28, 0xb5] => {
+                return Err("a message that rosbag2 compressed by itself (zstd), expected plain \
+                            CDR: copy the bag with `ros2 bag convert` and no compression"
+                    .to_owned());
+            }
             _ => {
                 return Err(format!(
                     "CDR encapsulation {:02x} {:02x}, expected 00 00 or 00 01 (plain CDR)",
