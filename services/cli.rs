@@ -14,6 +14,7 @@ use std::path::PathBuf;
 Examples:
   tog demo                          a simulated foyer, everything running, an alert within a minute
   tog replay walk.bag --out maps    what a recording says: maps, classes, events, pictures
+  tog bag info walk.bag             what a recording holds
   tog check site.toml               is this site file right?
   tog run site.toml                 start everything that the site file names
   tog status site.toml              how is it?

@@ -101,6 +101,21 @@ impl Sink {
         }
     }
 
+    /// Leaves nothing of a file that was begun.
+    pub fn abandon(self) {
+        let (path, is_begun) = match &self {
+            Self::Mcap { path, writer, .. } => (path, writer.is_some()),
+            Self::Csv { path, writer, .. } => (path, writer.is_some()),
+        };
+        let mut active = path.clone().into_os_string();
+        active.push(".active");
+        drop(self);
+        if is_begun {
+            // If it cannot be removed it is only in the way: what went wrong is told already.
+            let _ = std::fs::remove_file(active);
+        }
+    }
+
     /// Gives the file its name.
     pub fn finish(self) -> Result<(), BagError> {
         match self {

@@ -28,26 +28,18 @@ pub fn copy(
     check_lasers(selection)?;
     let recording = Recording::open_with(from, selection.reading.options())?;
     check_out(from, out, selection.force)?;
-    let bar = progress_bar("copying", recording.bytes());
     let mut copy = Copy::new(selection, Sink::new(&recording, out, format)?);
-    let mut scans = recording.scans();
-    let mut early_end = None;
-    while let Some(item) = scans.next() {
-        bar.set_position(scans.position_bytes());
-        match item {
-            Ok(found) => copy.take(found)?,
-            Err(error @ RecordingError::Message { .. }) => copy.refuse(error),
-            Err(error @ RecordingError::Io { .. }) => return Err(error.into()),
-            Err(error) => early_end = Some(error),
+    match copy.all(&recording) {
+        Ok(early_end) => {
+            copy.finish(out)?;
+            let told = |error| format!("{error}; what came before is written to {}", out.display());
+            Ok(early_end.map(told))
+        }
+        Err(error) => {
+            copy.sink.abandon();
+            Err(error)
         }
     }
-    bar.finish_and_clear();
-    if copy.copied == 0 {
-        return Err(copy.nothing(early_end, scans.no_scans(), scans.topics()));
-    }
-    copy.missing_laser(scans.topics())?;
-    copy.finish(out)?;
-    Ok(early_end.map(|error| format!("{error}; what came before is written to {}", out.display())))
 }
 
 /// Refuses a mapping that is none.
@@ -113,6 +105,28 @@ impl<'a> Copy<'a> {
         }
     }
 
+    /// Copies what is wanted; why the recording ended early, if it did.
+    fn all(&mut self, recording: &Recording) -> Result<Option<RecordingError>, BagError> {
+        let bar = progress_bar("copying", recording.bytes());
+        let mut scans = recording.scans();
+        let mut early_end = None;
+        while let Some(item) = scans.next() {
+            bar.set_position(scans.position_bytes());
+            match item {
+                Ok(found) => self.take(found)?,
+                Err(error @ RecordingError::Message { .. }) => self.refuse(error),
+                Err(error @ RecordingError::Io { .. }) => return Err(error.into()),
+                Err(error) => early_end = Some(error),
+            }
+        }
+        bar.finish_and_clear();
+        self.missing_laser(scans.topics())?;
+        if self.copied == 0 {
+            return Err(self.nothing(early_end, scans.no_scans()));
+        }
+        Ok(early_end)
+    }
+
     fn refuse(&mut self, error: RecordingError) {
         self.refused += 1;
         self.first_refusal.get_or_insert(error);
@@ -166,16 +180,8 @@ impl<'a> Copy<'a> {
     }
 
     /// Why nothing was copied.
-    fn nothing(
-        self,
-        early_end: Option<RecordingError>,
-        no_scans: RecordingError,
-        topics: &[Arc<str>],
-    ) -> BagError {
-        if let Err(error) = self.missing_laser(topics) {
-            return error;
-        }
-        match (self.span_ns, early_end.or(self.first_refusal)) {
+    fn nothing(&mut self, early_end: Option<RecordingError>, no_scans: RecordingError) -> BagError {
+        match (self.span_ns, early_end.or(self.first_refusal.take())) {
             (Some((first_ns, last_ns)), _) => {
                 BagError::Nothing { span_s: (last_ns - first_ns) as f64 / SECOND_NS as f64 }
             }

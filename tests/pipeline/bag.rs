@@ -58,10 +58,14 @@ fn lasers_are_mapped_from_topics() {
     let unknown = ["import", "two.mcap", "--laser", "a=/scan", "--out", "y.mcap"];
     let words = ["laser a: no scans on topic /scan", "/front_scan, /rear_scan"];
     bench.bag(&unknown).expect(1, &words);
+    let one = ["--laser", "b=/front_scan", "--laser", "a=/scan", "--out", "y.mcap"];
+    bench.bag(&[&["import", "two.mcap"], &one[..]].concat()).expect(1, &words);
     let twice = ["--laser", "a=/front_scan", "--laser", "a=/rear_scan", "--out", "y.mcap"];
     bench.bag(&[&["import", "two.mcap"], &twice[..]].concat()).expect(1, &["a is there twice"]);
     let bad = ["import", "two.mcap", "--laser", "front", "--out", "y.mcap"];
     bench.bag(&bad).expect(2, &["expected NAME=TOPIC", "--help"]);
+    let names = ["two.mcap", "x.mcap"].map(PathBuf::from);
+    assert_eq!(files(bench.scratch.path()), names, "what was begun is not left");
 }
 
 #[test]
