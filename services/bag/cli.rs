@@ -41,23 +41,25 @@ pub struct Reading {
         long,
         value_name = "LIST",
         long_help = "\
-What the columns of a CSV are, one scan a row: a list with commas, an entry a column, in order.
-  t                time of the first beam, UNIX time (needed); t is t:s, or t:ms, t:us, t:ns
+What the columns of a CSV are, one scan a row: a list with commas, in order.
+  t                UNIX time of the first beam (needed), :s (as without), :ms, :us or :ns
   log_t            when it was recorded; else the same as t
   laser            name of the laser; else all scans are of /scan
   frame_id         name of the laser's coordinates
-  angle_min        bearing of the first range, counter-clockwise, :rad (as without) or :deg
+  angle_min        bearing of the first range, :rad (as without) or :deg
   angle_max        bearing of the last range
   angle_increment  angle between two ranges
-  range_min        shortest valid range, :m (as without), :cm or :mm; below it is invalid
+  range_min        shortest valid range, :m (as without), :cm or :mm
   range_max        from here on a range is `no return`
   scan_time        time of one turn, :s, :ms, :us, :ns
   r, r*181, r...   a range, 181 ranges, all that follow (needed), :m, :cm or :mm
   -                a column that is passed over
   NAME=VALUE       no column: this value for all rows, as range_max=8:m or laser=front
-Needed besides, as columns or values: angle_min, range_max, and angle_increment or angle_max.
-`inf` is no return; `nan` and an empty field are invalid; empty fields at the end are none.
-Fields are parted by commas, semicolons or tabs; lines before the first time are headings.
+Angles are counter-clockwise. Needed besides, as columns or values: angle_min, range_max,
+and angle_increment or angle_max.
+`inf` is no return; `nan` and an empty field are invalid; empty fields at the end are no
+ranges.
+Fields are parted by commas, semicolons or tabs; lines before the first time are titles.
 A CSV whose first line is such a list (as `tog bag export` writes) needs no --columns."
     )]
     pub columns: Option<ColumnMap>,
