@@ -14,6 +14,7 @@ use std::path::PathBuf;
 Examples:
   tog demo                          a simulated foyer, everything running, an alert within a minute
   tog replay walk.bag --out maps    what a recording says: maps, classes, events, pictures
+  tog bag info walk.bag             what a recording holds
   tog check site.toml               is this site file right?
   tog run site.toml                 start everything that the site file names
   tog status site.toml              how is it?
@@ -42,6 +43,8 @@ pub enum Verb {
     Alerts(Alerts),
     /// Draw, compare, add and export collapsed maps.
     Map(crate::map::cli::Map),
+    /// Recordings: what they hold, from and into other formats.
+    Bag(crate::bag::cli::Bag),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.
@@ -103,7 +106,7 @@ Exit code 0: replayed to the end. 1: refused; or the recording is cut, or most s
 be dropped (what was replayed is written).")]
 /// Arguments of `tog replay`.
 pub struct Replay {
-    /// The recording: MCAP (ROS 2 LaserScan) or ROS 1 bag.
+    /// The recording, of any format that `tog bag info` reads.
     pub recording: PathBuf,
     /// Site file whose replay lasers are fed from the recording.
     #[arg(long, value_name = "SITE")]

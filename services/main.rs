@@ -1,5 +1,6 @@
 //! `tog`: one binary, every verb and every service. Reads like a table of contents.
 
+mod bag;
 mod check;
 mod cli;
 mod demo;
@@ -25,6 +26,7 @@ fn main() -> ExitCode {
         Verb::Status(arguments) => operate::status(&arguments),
         Verb::Alerts(arguments) => alerts_verb(arguments),
         Verb::Map(arguments) => map::main(&arguments),
+        Verb::Bag(arguments) => bag::run(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
         Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),

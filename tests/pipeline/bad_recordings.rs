@@ -78,10 +78,10 @@ fn corner_scans() -> impl Iterator<Item = LaserScan> {
 #[test]
 fn what_is_no_recording_is_refused_in_words() {
     let bench = Bench::new();
-    let wanted = "expected an MCAP file or a ROS 1 bag";
+    let wanted = "expected MCAP, a ROS 1 bag";
     let noise: Vec<u8> =
         (0..5000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
-    bench.replay(bench.scratch.path()).expect(1, &["is a directory, expected a file"]);
+    bench.replay(bench.scratch.path()).expect(1, &["is a directory", "name the recording in it"]);
     bench.replay(&bench.path("absent.bag")).expect(1, &["absent.bag: cannot open", "No such file"]);
     bench.replay(Path::new("/dev/null")).expect(1, &["found a device or a pipe, expected a file"]);
     bench.replay(&bench.file("noise.bag", &noise)).expect(1, &["begins with", wanted]);
@@ -139,7 +139,7 @@ fn a_cut_bag_gives_what_came_before_and_exit_code_1() {
         std::fs::remove_dir_all(bench.path("out")).unwrap();
     }
     let cuts = [
-        (5, "expected an MCAP file or a ROS 1 bag"),
+        (5, "expected MCAP, a ROS 1 bag"),
         (14, "is cut at byte 13, after 0 scans"),
         (100, "is cut at byte 13, after 0 scans"),
         (5000, "is cut at byte 5000, after 0 scans"),

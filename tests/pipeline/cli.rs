@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 15] = [
+const VERBS: [&[&str]; 19] = [
     &[],
     &["demo"],
     &["replay"],
@@ -17,6 +17,10 @@ const VERBS: [&[&str]; 15] = [
     &["map", "diff"],
     &["map", "export"],
     &["map", "merge"],
+    &["bag", "info"],
+    &["bag", "import"],
+    &["bag", "export"],
+    &["bag", "convert"],
     &["check"],
     &["learn"],
     &["schema"],

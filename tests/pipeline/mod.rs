@@ -4,6 +4,8 @@
 //! |---|---|
 //! | `same_numbers` | `tog run` and `tog replay` give the same bytes, at every run |
 //! | `oracle` | a program that shares no code with us agrees on every number |
+//! | `foreign_logs` | every format gives the same scans as an independent reader, and the same numbers |
+//! | `bag` | `tog bag`: what is told, copied, refused |
 //! | `bad_recordings`, `bad_sites` | words and an exit code, or a drop that is counted and told |
 //! | `cli` | every verb explains itself |
 //! | `golden` | a made recording as a picture in letters, to be read by people |
@@ -14,8 +16,10 @@
 
 mod bad_recordings;
 mod bad_sites;
+mod bag;
 mod cli;
 mod demo;
+mod foreign_logs;
 mod golden;
 mod made;
 mod map;

@@ -11,7 +11,7 @@ const ARRAYS: [&str; 4] =
     ["classes.npy", "frames.npy", "collapsed_counts.npy", "occupancy_last.npy"];
 
 /// Replays a recording in one process.
-fn replay(scratch: &TempDir, recording: &Path, site: Option<&Path>, out: &str) -> PathBuf {
+pub fn replay(scratch: &TempDir, recording: &Path, site: Option<&Path>, out: &str) -> PathBuf {
     let out = scratch.path().join(out);
     let mut arguments = vec!["replay".into(), recording.to_owned()];
     arguments.extend(["--every-frame".into(), "--out".into(), out.clone()]);
@@ -24,7 +24,7 @@ fn replay(scratch: &TempDir, recording: &Path, site: Option<&Path>, out: &str) -
 
 /// Runs the site of a recording both ways and compares every byte.
 #[track_caller]
-fn both_ways(recording: &Path, site_text: &str, classes_min: usize) {
+pub fn both_ways(recording: &Path, site_text: &str, classes_min: usize) {
     let scratch = scratch();
     let site = scratch.path().join("site.toml");
     std::fs::write(&site, site_text).unwrap();

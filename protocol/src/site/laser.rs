@@ -72,7 +72,7 @@ pub enum Source {
         #[schemars(range(min = 0.1, max = 200.0))]
         rate_hz: f64,
     },
-    /// A recording: MCAP of ours or of ROS 2, or a ROS 1 bag.
+    /// A recording of any format that `tog bag info` reads: MCAP, a ROS 1 or 2 bag, a log, a CSV.
     Replay {
         /// The recording, relative to the site file.
         #[schemars(length(min = 1, max = 1024))]

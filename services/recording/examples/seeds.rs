@@ -4,7 +4,7 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::{Fields, mcap, scan_bag, scan_bag_v1};
+use common::{Fields, carmen, db3, gzip, mcap, player, scan_bag, scan_bag_v1};
 use std::path::Path;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -18,6 +18,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     write("v1", scan_bag_v1(&vec![fields.ros1(); 3]))?;
     let cdr = vec![fields.cdr_big_endian(); 3];
     write("cdr", mcap("sensor_msgs/msg/LaserScan", "cdr", &cdr))?;
+    write("carmen", carmen(3, 20).into_bytes())?;
+    write("carmen.gz", gzip(carmen(3, 20).as_bytes()))?;
+    write("player", player(3).into_bytes())?;
+    let csv = "t,angle_min,angle_increment:deg,range_max,r...:mm\n1,0,1,8,9,,inf\n";
+    write("csv", csv.as_bytes().to_vec())?;
+    let bag = Path::new(&directory).join("db3");
+    let _ = std::fs::remove_file(&bag);
+    db3(&bag, &[("/scan", "sensor_msgs/msg/LaserScan", fields.cdr_big_endian())]);
     write("ros1", mcap("sensor_msgs/LaserScan", "ros1", &[fields.ros1()]))?;
     Ok(())
 }

@@ -10,12 +10,14 @@
 //! cut chunk gives the messages before the cut.
 
 use crate::format::ROS1_MAGIC;
+use crate::laser_scan::Wire;
 use crate::record::{
-    CONNECTION_BYTES_MAX, CONNECTIONS_MAX, Fault, field, field_op, field_u32, read_head, read_u32,
-    sized, time_ns,
+    CONNECTION_BYTES_MAX, CONNECTIONS_MAX, Fault, field, field_op, field_u32, read_begin, sized,
+    time_ns,
 };
 use crate::section::Section;
 use crate::stream::{Channels, Raw, StreamEnd};
+use crate::unpack::Budget;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -45,8 +47,9 @@ pub(crate) struct BagReader {
     chunks: u64,
     connections_in_index: u64,
     chunk_infos: u64,
-    /// Index into the scan topics by connection; `None` for other messages.
-    connections: BTreeMap<u32, Option<usize>>,
+    /// Index into the scan topics and layout by connection; `None` for other messages.
+    connections: BTreeMap<u32, Option<(usize, Wire)>>,
+    budget: Budget,
     head: Vec<u8>,
 }
 
@@ -73,6 +76,7 @@ impl BagReader {
             connections_in_index: 0,
             chunk_infos: 0,
             connections: BTreeMap::new(),
+            budget: Budget::default(),
             head: Vec::new(),
         }
     }
@@ -87,7 +91,7 @@ impl BagReader {
         &mut self,
         channels: &mut Channels,
         raw: &mut Raw,
-    ) -> Result<Option<usize>, StreamEnd> {
+    ) -> Result<Option<(usize, Wire)>, StreamEnd> {
         loop {
             if self.chunk.is_some() {
                 if let Some(topic) = self.next_in_chunk(channels, raw)? {
@@ -106,14 +110,7 @@ impl BagReader {
         let begin = self.at;
         let section = Section::new(self.file.clone(), begin, self.length);
         let mut reader = BufReader::with_capacity(4096, section);
-        self.read_record(&mut reader, channels).map_err(|fault| match fault {
-            Fault::Short => StreamEnd::Cut {
-                offset: begin,
-                reason: "the file ends in the middle of the record that begins here".to_owned(),
-            },
-            Fault::Bad(reason) => StreamEnd::Damaged { offset: begin, reason },
-            Fault::Io(source) => StreamEnd::Io(source),
-        })
+        self.read_record(&mut reader, channels).map_err(|fault| fault.in_record_at(begin))
     }
 
     fn read_record(
@@ -121,9 +118,8 @@ impl BagReader {
         reader: &mut impl Read,
         channels: &mut Channels,
     ) -> Result<(), Fault> {
-        read_head(reader, &mut self.head, HEAD_BYTES_MAX)?;
-        let data_length = u64::from(read_u32(reader)?);
-        let data_begin = self.at + 8 + self.head.len() as u64;
+        let (data_length, read) = read_begin(reader, &mut self.head, HEAD_BYTES_MAX)?;
+        let data_begin = self.at + read;
         let mut data_end = data_begin + data_length;
         let is_first = self.at == ROS1_MAGIC.len() as u64;
         let op = field_op(&self.head)?;
@@ -167,8 +163,9 @@ impl BagReader {
         Ok(())
     }
 
-    fn open_chunk(&self, begin: u64, end: u64) -> Result<Chunk, Fault> {
+    fn open_chunk(&mut self, begin: u64, end: u64) -> Result<Chunk, Fault> {
         let left = u64::from(field_u32(&self.head, b"size")?);
+        self.budget.announce(left, end.min(self.length)).map_err(Fault::Bad)?;
         let section = Section::new(self.file.clone(), begin, end.min(self.length));
         let packed = BufReader::with_capacity(32 * 1024, section);
         let records: Box<dyn Read + Send> = match field(&self.head, b"compression")? {
@@ -191,7 +188,7 @@ impl BagReader {
         &mut self,
         channels: &mut Channels,
         raw: &mut Raw,
-    ) -> Result<Option<usize>, StreamEnd> {
+    ) -> Result<Option<(usize, Wire)>, StreamEnd> {
         let Some(mut chunk) = self.chunk.take() else { return Ok(None) };
         let result = loop {
             if chunk.left == 0 {
@@ -227,10 +224,9 @@ impl BagReader {
         chunk: &mut Chunk,
         channels: &mut Channels,
         raw: &mut Raw,
-    ) -> Result<Option<usize>, Fault> {
+    ) -> Result<Option<(usize, Wire)>, Fault> {
         let mut reader = chunk.records.by_ref().take(chunk.left);
-        read_head(&mut reader, &mut self.head, HEAD_BYTES_MAX)?;
-        let data_length = u64::from(read_u32(&mut reader)?);
+        let (data_length, _) = read_begin(&mut reader, &mut self.head, HEAD_BYTES_MAX)?;
         if data_length > reader.limit() {
             return Err(Fault::Short);
         }
@@ -243,11 +239,11 @@ impl BagReader {
                 let Some(topic) = self.connections.get(&id) else {
                     return Err(Fault::Bad(format!("a message of the unknown connection {id}")));
                 };
-                if let Some(topic) = *topic {
+                if let Some((topic, wire)) = *topic {
                     let time = u64::from_le_bytes(sized(field(&self.head, b"time")?, b"time")?);
                     raw.log_time_ns = time_ns(time as u32, (time >> 32) as u32);
-                    raw.read(&mut reader, data_length)?;
-                    scan_topic = Some(topic);
+                    raw.read(&mut reader, data_length, wire)?;
+                    scan_topic = Some((topic, wire));
                 }
             }
             _ => {}

@@ -9,9 +9,10 @@
 //! record ends. One with an index is complete if it counts as many messages as were there.
 
 use crate::format::ROS1_V1_MAGIC;
+use crate::laser_scan::Wire;
 use crate::record::{
-    CONNECTION_BYTES_MAX, CONNECTIONS_MAX, Fault, field, field_op, field_u32, read_head, read_u32,
-    sized, time_ns,
+    CONNECTION_BYTES_MAX, CONNECTIONS_MAX, Fault, field, field_op, field_u32, read_begin, sized,
+    time_ns,
 };
 use crate::section::Section;
 use crate::stream::{Channels, Raw, StreamEnd};
@@ -39,8 +40,8 @@ pub(crate) struct BagV1Reader {
     index_pos: Option<u64>,
     messages: u64,
     messages_in_index: u64,
-    /// Index into the scan topics by topic, type and MD5; `None` for other messages.
-    topics: BTreeMap<Vec<u8>, Option<usize>>,
+    /// Index into the scan topics and layout by topic, type and MD5; `None` for other messages.
+    topics: BTreeMap<Vec<u8>, Option<(usize, Wire)>>,
     /// Topic, type and MD5 of the current message.
     key: Vec<u8>,
     head: Vec<u8>,
@@ -74,17 +75,11 @@ impl BagV1Reader {
         &mut self,
         channels: &mut Channels,
         raw: &mut Raw,
-    ) -> Result<Option<usize>, StreamEnd> {
+    ) -> Result<Option<(usize, Wire)>, StreamEnd> {
         while self.at < self.length {
             let offset = self.at;
-            let scan_topic = self.read_record(channels, raw).map_err(|fault| match fault {
-                Fault::Short => StreamEnd::Cut {
-                    offset,
-                    reason: "the file ends in the middle of the record that begins here".to_owned(),
-                },
-                Fault::Bad(reason) => StreamEnd::Damaged { offset, reason },
-                Fault::Io(source) => StreamEnd::Io(source),
-            })?;
+            let scan_topic =
+                self.read_record(channels, raw).map_err(|fault| fault.in_record_at(offset))?;
             if scan_topic.is_some() {
                 return Ok(scan_topic);
             }
@@ -97,10 +92,9 @@ impl BagV1Reader {
         &mut self,
         channels: &mut Channels,
         raw: &mut Raw,
-    ) -> Result<Option<usize>, Fault> {
-        read_head(&mut self.records, &mut self.head, HEAD_BYTES_MAX)?;
-        let mut left = u64::from(read_u32(&mut self.records)?);
-        let end = self.at + 8 + self.head.len() as u64 + left;
+    ) -> Result<Option<(usize, Wire)>, Fault> {
+        let (mut left, read) = read_begin(&mut self.records, &mut self.head, HEAD_BYTES_MAX)?;
+        let end = self.at + read + left;
         if end > self.length {
             return Err(Fault::Short);
         }
@@ -113,10 +107,10 @@ impl BagV1Reader {
             OP_MESSAGE => {
                 self.messages += 1;
                 scan_topic = self.topic(channels)?;
-                if scan_topic.is_some() {
+                if let Some((_, wire)) = scan_topic {
                     let seconds = field_u32(&self.head, b"sec")?;
                     raw.log_time_ns = time_ns(seconds, field_u32(&self.head, b"nsec")?);
-                    left -= raw.read(&mut self.records, left)?;
+                    left -= raw.read(&mut self.records, left, wire)?;
                 }
             }
             OP_INDEX_DATA => {
@@ -138,7 +132,7 @@ impl BagV1Reader {
     }
 
     /// The scan topic of the message whose header is in `head`.
-    fn topic(&mut self, channels: &mut Channels) -> Result<Option<usize>, Fault> {
+    fn topic(&mut self, channels: &mut Channels) -> Result<Option<(usize, Wire)>, Fault> {
         let topic = field(&self.head, b"topic")?;
         let message_type = field(&self.head, b"type")?;
         let md5 = field(&self.head, b"md5")?;

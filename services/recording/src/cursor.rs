@@ -27,6 +27,11 @@ impl<'a> Cursor<'a> {
         let big_endian = match header[..2] {
             [0, 0] => true,
             [0, 1] => false,
+            [0x28, 0xb5] => {
+                return Err("a message that rosbag2 compressed by itself (zstd), expected plain \
+                            CDR: copy the bag with `ros2 bag convert` and no compression"
+                    .to_owned());
+            }
             _ => {
                 return Err(format!(
                     "CDR encapsulation {:02x} {:02x}, expected 00 00 or 00 01 (plain CDR)",
@@ -94,12 +99,6 @@ impl<'a> Cursor<'a> {
     /// A float; its bits are kept.
     pub fn f32(&mut self, what: &str) -> Result<f32, String> {
         self.word(what).map(f32::from_le_bytes)
-    }
-
-    /// Passes a string (length, bytes).
-    pub fn skip_string(&mut self, what: &str) -> Result<(), String> {
-        let length = self.u32(what)? as usize;
-        self.take(length, what).map(|_| ())
     }
 
     /// A sequence of floats (count, floats) of at most `count_max`; nothing is allocated before the

@@ -19,18 +19,22 @@ pub enum RecordingError {
         /// What the operating system says.
         source: io::Error,
     },
-    /// A directory.
+    /// A directory that is no ROS 2 bag.
     #[error(
-        "{}: is a directory, expected a file: name the .bag or .mcap file in it",
+        "{}: is a directory {reason}, expected a file or the directory of a ROS 2 bag: name the \
+         recording in it",
         path.display()
     )]
     Directory {
         /// What was named.
         path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
     },
     /// A file of another kind.
     #[error(
-        "{}: is {found}, expected an MCAP file or a ROS 1 bag (V2.0 or V1.2): {advice}",
+        "{}: is {found}, expected MCAP, a ROS 1 bag (V2.0 or V1.2), a ROS 2 bag, a CARMEN or Player \
+         log, or a CSV with declared columns: {advice}",
         path.display()
     )]
     Foreign {

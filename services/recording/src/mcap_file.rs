@@ -4,25 +4,29 @@
 //! us. Its own parser allocates a string of any length that a record announces (4 GB in a file of
 //! 2 kB, found by the fuzzer) before it looks whether the bytes are there.
 //!
-//! A scan is a message in CDR of the schema `sensor_msgs/msg/LaserScan`, as ROS 2 and tog write it,
-//! or a ROS 1 message of the schema `sensor_msgs/LaserScan` in a converted bag.
+//! A scan is a message in CDR of the schema `sensor_msgs/msg/LaserScan` or `MultiEchoLaserScan`, as
+//! ROS 2 and tog write it, or a ROS 1 message of the same in a converted bag.
+//!
+//! The sizes that chunks announce are watched ([`ChunkWatch`]): the crate unpacks no more than that.
 
 use crate::cursor::Cursor;
-use crate::laser_scan::{ROS1_TYPE, Wire};
+use crate::laser_scan::Wire;
 use crate::section::Section;
 use crate::stream::{Channels, Raw, StreamEnd, check_name};
+use crate::unpack::ChunkWatch;
 use mcap::McapError;
 use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Longest record outside of a chunk, and the share of a packed chunk that is held: chunks are a
 /// few MiB (4 MiB is the largest preset of rosbag2), attachments may be some tens.
-const RECORD_BYTES_MAX: usize = 64 << 20;
+pub(crate) const RECORD_BYTES_MAX: usize = 64 << 20;
 
 /// An MCAP file, front to back.
 pub(crate) struct McapReader {
@@ -34,24 +38,26 @@ pub(crate) struct McapReader {
 }
 
 /// Schemas and channels so far; the first definition of a number counts.
-#[derive(Default)]
-struct Known {
+#[derive(Debug, Default, Clone)]
+pub(crate) struct Known {
     /// Names by number.
     schemas: BTreeMap<u16, String>,
     /// What a channel carries: index of the scan topic and how it is encoded.
-    channels: BTreeMap<u16, Option<(usize, Wire)>>,
+    pub channels: BTreeMap<u16, Option<(usize, Wire)>>,
 }
 
 /// Counts what was read: the place for errors and the progress bar.
 struct Counted {
     reader: BufReader<Section>,
     position: Arc<AtomicU64>,
+    watch: ChunkWatch,
 }
 
 impl Read for Counted {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let got = self.reader.read(buffer)?;
         self.position.fetch_add(got as u64, Ordering::Relaxed);
+        self.watch.see(&buffer[..got]);
         Ok(got)
     }
 }
@@ -59,17 +65,38 @@ impl Read for Counted {
 impl McapReader {
     /// Begins at the begin.
     pub fn new(file: Arc<File>, length: u64) -> Self {
+        let options = LinearReaderOptions::default();
+        let watch = ChunkWatch::behind(mcap::MAGIC.len() as u64);
+        Self::over(Section::new(file, 0, length), length, options, watch, Known::default())
+    }
+
+    /// A chunk whose record is `bytes` of a file, one of `count` that are looked at; what its
+    /// channels are is known.
+    pub fn of_chunk(file: Arc<File>, bytes: Range<u64>, count: u64, known: Known) -> Self {
+        let options =
+            LinearReaderOptions::default().with_skip_start_magic(true).with_skip_end_magic(true);
+        let length = bytes.end.saturating_sub(bytes.start);
+        let section = Section::new(file, bytes.start, bytes.end);
+        Self::over(section, length, options, ChunkWatch::of_one_chunk_of(count), known)
+    }
+
+    fn over(
+        section: Section,
+        length: u64,
+        options: LinearReaderOptions,
+        watch: ChunkWatch,
+        known: Known,
+    ) -> Self {
         let position = Arc::new(AtomicU64::new(0));
-        let reader = BufReader::with_capacity(64 * 1024, Section::new(file, 0, length));
-        let options = LinearReaderOptions::default()
-            .with_validate_chunk_crcs(true)
-            .with_record_length_limit(RECORD_BYTES_MAX);
+        let reader = BufReader::with_capacity(64 * 1024, section);
+        let options =
+            options.with_validate_chunk_crcs(true).with_record_length_limit(RECORD_BYTES_MAX);
         Self {
-            source: Counted { reader, position: position.clone() },
+            source: Counted { reader, position: position.clone(), watch },
             records: LinearReader::new_with_options(options),
             position,
             length,
-            known: Known::default(),
+            known,
         }
     }
 
@@ -106,6 +133,10 @@ impl McapReader {
                 }
             };
             self.records.notify_read(got);
+            if let Some(reason) = self.source.watch.take_fault() {
+                let offset = self.position();
+                return Err(StreamEnd::Damaged { offset, reason });
+            }
         }
     }
 
@@ -135,7 +166,7 @@ pub(crate) fn words(error: &McapError) -> String {
 
 impl Known {
     /// Takes a record: the scan topic and the encoding if it is a scan, left in `raw`.
-    fn take(
+    pub fn take(
         &mut self,
         opcode: u8,
         data: &[u8],
@@ -162,13 +193,11 @@ impl Known {
                 let Some(scans) = self.channels.get(&id) else {
                     return Err(format!("a message of the unknown channel {id}"));
                 };
-                if scans.is_none() {
-                    return Ok(None);
-                }
+                let Some((_, wire)) = *scans else { return Ok(None) };
                 cursor.u32("the number of a message")?;
                 raw.log_time_ns = cursor.u64("the log time of a message")?;
                 cursor.u64("the publish time of a message")?;
-                raw.copy(cursor.rest());
+                raw.copy(cursor.rest(), wire);
                 return Ok(*scans);
             }
             _ => {}
@@ -189,13 +218,9 @@ impl Known {
             0 => "no schema",
             id => self.schemas.get(&id).ok_or(format!("a channel of the unknown schema {id}"))?,
         };
-        let wire = match (schema, &*encoding) {
-            ("sensor_msgs/msg/LaserScan", "cdr") => Wire::Cdr,
-            (ROS1_TYPE | "sensor_msgs/msg/LaserScan", "ros1") => Wire::Ros1,
-            (schema, encoding) => {
-                channels.other(&topic, format!("{schema} in {encoding}"))?;
-                return Ok(None);
-            }
+        let Some(wire) = Wire::of(schema, &encoding) else {
+            channels.other(&topic, format!("{schema} in {encoding}"))?;
+            return Ok(None);
         };
         Ok(Some((channels.scan_topic(&topic)?, wire)))
     }

@@ -1,6 +1,7 @@
 //! A record of a ROS bag, versions 1.2 and 2.0: length and header of `name=value` fields, length
 //! and data; all numbers little endian (wiki.ros.org/Bags/Format).
 
+use crate::stream::StreamEnd;
 use std::io::{self, Read};
 
 /// Longest description of a topic: the text of the largest message definitions is about 30 kB.
@@ -16,6 +17,20 @@ pub(crate) enum Fault {
     Io(io::Error),
 }
 
+impl Fault {
+    /// A fault in the record that begins at byte `offset` of the file.
+    pub fn in_record_at(self, offset: u64) -> StreamEnd {
+        match self {
+            Self::Short => StreamEnd::Cut {
+                offset,
+                reason: "the file ends in the middle of the record that begins here".to_owned(),
+            },
+            Self::Bad(reason) => StreamEnd::Damaged { offset, reason },
+            Self::Io(source) => StreamEnd::Io(source),
+        }
+    }
+}
+
 impl From<io::Error> for Fault {
     fn from(error: io::Error) -> Self {
         if error.kind() == io::ErrorKind::UnexpectedEof { Self::Short } else { Self::Io(error) }
@@ -23,18 +38,14 @@ impl From<io::Error> for Fault {
 }
 
 /// Four bytes, little endian.
-pub(crate) fn read_u32(reader: &mut impl Read) -> Result<u32, Fault> {
+fn read_u32(reader: &mut impl Read) -> Result<u32, Fault> {
     let mut bytes = [0; 4];
     reader.read_exact(&mut bytes)?;
     Ok(u32::from_le_bytes(bytes))
 }
 
 /// The header of a record, behind its length; `bytes_max` says how long it may be.
-pub(crate) fn read_head(
-    reader: &mut impl Read,
-    head: &mut Vec<u8>,
-    bytes_max: usize,
-) -> Result<(), Fault> {
+fn read_head(reader: &mut impl Read, head: &mut Vec<u8>, bytes_max: usize) -> Result<(), Fault> {
     let length = read_u32(reader)? as usize;
     if length > bytes_max {
         return Err(Fault::Bad(format!(
@@ -44,6 +55,18 @@ pub(crate) fn read_head(
     head.resize(length, 0);
     reader.read_exact(head)?;
     Ok(())
+}
+
+/// The begin of a record: its header into `head`; returns how long its data is and how many bytes
+/// were read so far.
+pub(crate) fn read_begin(
+    reader: &mut impl Read,
+    head: &mut Vec<u8>,
+    bytes_max: usize,
+) -> Result<(u64, u64), Fault> {
+    read_head(reader, head, bytes_max)?;
+    let data_length = u64::from(read_u32(reader)?);
+    Ok((data_length, 8 + head.len() as u64))
 }
 
 /// The value of a field of a record header.

@@ -1,16 +1,14 @@
 //! A recording and the stream of its scans.
 
-use crate::bag::BagReader;
-use crate::bag_v1::BagV1Reader;
 use crate::error::RecordingError;
-use crate::format::{Format, detect};
+use crate::format::Format;
 use crate::laser_scan::{Wire, decode};
-use crate::mcap_file::McapReader;
+use crate::options::ReadOptions;
+use crate::part::{Part, Reader};
+use crate::parts;
 use crate::stream::{Channels, Raw, StreamEnd};
 use protocol::scan::LaserScan;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -18,36 +16,35 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct Recording {
     path: PathBuf,
-    file: Arc<File>,
-    length: u64,
-    format: Format,
+    /// Never empty.
+    parts: Vec<Part>,
+    options: ReadOptions,
 }
 
 impl Recording {
-    /// Opens a recording; the format is told by the content.
+    /// Opens a recording, a file or the directory of a ROS 2 bag; the format is told by the content.
     ///
     /// # Errors
     /// [`RecordingError::Io`] (missing, no permission), `Directory`, or `Foreign` with what the
     /// file is.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, RecordingError> {
-        let path = path.as_ref();
-        let io = |source| RecordingError::Io { path: path.to_owned(), action: "open", source };
-        // Looked at before it is opened: opening a pipe that nobody writes to would wait for ever.
-        let metadata = std::fs::metadata(path).map_err(io)?;
-        if metadata.is_dir() {
-            return Err(RecordingError::Directory { path: path.to_owned() });
-        }
-        if !metadata.is_file() {
-            return Err(io(io::Error::new(
-                io::ErrorKind::InvalidInput,
-                "found a device or a pipe, expected a file",
-            )));
-        }
-        let file = File::open(path).map_err(io)?;
-        let format = detect(path, &file)?;
-        Ok(Self { path: path.to_owned(), file: Arc::new(file), length: metadata.len(), format })
+        Self::open_with(path, ReadOptions::default())
     }
 
+    /// As [`Recording::open`], for recordings that do not say everything themselves.
+    ///
+    /// # Errors
+    /// As [`Recording::open`].
+    pub fn open_with(path: impl AsRef<Path>, options: ReadOptions) -> Result<Self, RecordingError> {
+        let path = path.as_ref();
+        let files = if path.is_dir() { parts::files_of(path)? } else { vec![path.to_owned()] };
+        let parts = files.iter().map(|file| Part::open(file, &options));
+        let parts = parts.collect::<Result<Vec<_>, _>>()?;
+        Ok(Self { path: path.to_owned(), parts, options })
+    }
+}
+
+impl Recording {
     /// Where it is.
     #[must_use]
     pub fn path(&self) -> &Path {
@@ -57,13 +54,29 @@ impl Recording {
     /// What it is.
     #[must_use]
     pub fn format(&self) -> Format {
-        self.format
+        self.parts.first().map_or(Format::Mcap, |part| part.kind.format)
     }
 
-    /// Length of the file, bytes.
+    /// Length of all its files, bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.length
+        self.parts.iter().map(|part| part.length).sum()
+    }
+
+    /// How it is read.
+    pub(crate) fn options(&self) -> &ReadOptions {
+        &self.options
+    }
+
+    /// Its files in order.
+    pub(crate) fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    /// How many files it has.
+    #[must_use]
+    pub fn files(&self) -> usize {
+        self.parts.len()
     }
 
     /// Picks the topic of one laser: the one that is named, or the only one with scans. A named
@@ -111,14 +124,12 @@ impl Recording {
     /// The scans in the order of the file, from the first; memory is one message and one buffer.
     #[must_use]
     pub fn scans(&self) -> Scans {
-        let reader = match self.format {
-            Format::Ros1Bag => Reader::Bag(BagReader::new(self.file.clone(), self.length)),
-            Format::Ros1BagV1 => Reader::BagV1(BagV1Reader::new(self.file.clone(), self.length)),
-            Format::Mcap => Reader::Mcap(Box::new(McapReader::new(self.file.clone(), self.length))),
-        };
         Scans {
-            path: self.path.clone(),
-            reader,
+            parts: self.parts.clone(),
+            options: self.options.clone(),
+            part: 0,
+            reader: None,
+            frame_ids: Vec::new(),
             channels: Channels::default(),
             raw: Raw::default(),
             only: None,
@@ -146,21 +157,25 @@ pub struct RecordedScan {
     pub number: u64,
     /// When it was recorded, UNIX nanoseconds.
     pub log_time_ns: u64,
+    /// Name of the laser's coordinates; empty if the recording does not say.
+    pub frame_id: Arc<str>,
+    /// Time of one turn of the mirror, seconds; 0 if unknown.
+    pub scan_time_s: f32,
     /// The scan; `stamp_ns` is the stamp of its header, or the log time if that is 0.
     pub scan: LaserScan,
-}
-
-enum Reader {
-    Bag(BagReader),
-    BagV1(BagV1Reader),
-    Mcap(Box<McapReader>),
 }
 
 /// The scans of a recording: an iterator that ends at the end of the file, or behind the first
 /// error for which [`RecordingError::ends_the_stream`] holds.
 pub struct Scans {
-    path: PathBuf,
-    reader: Reader,
+    /// Never empty.
+    parts: Vec<Part>,
+    options: ReadOptions,
+    /// The part that is being read, and its reader once it was opened.
+    part: usize,
+    reader: Option<Reader>,
+    /// Name of the coordinates, per scan topic, as last met.
+    frame_ids: Vec<Arc<str>>,
     channels: Channels,
     raw: Raw,
     /// Deliver this topic only.
@@ -184,14 +199,25 @@ impl Scans {
         &self.channels.others
     }
 
-    /// Bytes of the file that were passed, for a progress bar.
+    /// The topics that were met.
+    pub(crate) fn into_channels(self) -> Channels {
+        self.channels
+    }
+
+    /// Bytes of the recording that were passed, for a progress bar.
     #[must_use]
     pub fn position_bytes(&self) -> u64 {
-        match &self.reader {
-            Reader::Bag(reader) => reader.position(),
-            Reader::BagV1(reader) => reader.position(),
-            Reader::Mcap(reader) => reader.position(),
-        }
+        let before: u64 = self.parts.iter().take(self.part).map(|part| part.length).sum();
+        before + self.reader.as_ref().map_or(0, Reader::position)
+    }
+
+    /// The file that is being read.
+    fn path(&self) -> PathBuf {
+        self.parts
+            .get(self.part)
+            .or(self.parts.last())
+            .map(|part| part.path.clone())
+            .unwrap_or_default()
     }
 
     /// What to say if the recording has been read and no topic had scans.
@@ -210,20 +236,27 @@ impl Scans {
             }
             format!("found the topics {}", topics.join(", "))
         };
-        RecordingError::NoScans { path: self.path.clone(), found }
+        RecordingError::NoScans { path: self.path(), found }
     }
 
     /// The next message of a scan topic, left in `raw`: index of its topic and its encoding.
     fn read_raw(&mut self) -> Result<Option<(usize, Wire)>, RecordingError> {
-        let (channels, raw) = (&mut self.channels, &mut self.raw);
-        let ros1 = |topic: Option<usize>| topic.map(|topic| (topic, Wire::Ros1));
-        let next = match &mut self.reader {
-            Reader::Bag(reader) => reader.next(channels, raw).map(ros1),
-            Reader::BagV1(reader) => reader.next(channels, raw).map(ros1),
-            Reader::Mcap(reader) => reader.next(channels, raw),
-        };
-        self.is_over = !matches!(next, Ok(Some(_)));
-        next.map_err(|end| self.end(end))
+        while let Some(part) = self.parts.get(self.part) {
+            let reader = self.reader.get_or_insert_with(|| part.reader(&self.options));
+            match reader.next(&mut self.channels, &mut self.raw) {
+                Ok(None) => {
+                    self.part += 1;
+                    self.reader = None;
+                }
+                Ok(found) => return Ok(found),
+                Err(end) => {
+                    self.is_over = true;
+                    return Err(self.end(end));
+                }
+            }
+        }
+        self.is_over = true;
+        Ok(None)
     }
 
     fn read(&mut self) -> Result<Option<RecordedScan>, RecordingError> {
@@ -239,18 +272,33 @@ impl Scans {
         let number = self.messages[topic_index];
         let topic = self.channels.scan_topics[topic_index].clone();
         let log_time_ns = self.raw.log_time_ns;
-        let decoded = if self.raw.is_too_long() {
-            Err(format!("{} bytes, longer than any scan", self.raw.length))
-        } else {
-            decode(&self.raw.bytes, wire, log_time_ns)
+        let decoded = match &self.reader {
+            _ if self.raw.is_too_long => {
+                Err(format!("{} bytes, longer than any scan", self.raw.length))
+            }
+            Some(Reader::Text(reader)) => reader.decode(&self.raw),
+            _ => decode(&self.raw.bytes, wire, log_time_ns, self.options.echo),
         };
         match decoded {
-            Ok(scan) => {
+            Ok(decoded) => {
                 self.delivered += 1;
-                Ok(Some(RecordedScan { topic_index, topic, number, log_time_ns, scan }))
+                self.frame_ids.resize(self.channels.scan_topics.len(), "".into());
+                let frame_id = &mut self.frame_ids[topic_index];
+                if **frame_id != *decoded.frame_id {
+                    *frame_id = decoded.frame_id.as_ref().into();
+                }
+                Ok(Some(RecordedScan {
+                    topic_index,
+                    topic,
+                    number,
+                    log_time_ns: decoded.log_time_ns.unwrap_or(log_time_ns),
+                    frame_id: frame_id.clone(),
+                    scan_time_s: decoded.scan_time_s,
+                    scan: decoded.scan,
+                }))
             }
             Err(reason) => Err(RecordingError::Message {
-                path: self.path.clone(),
+                path: self.path(),
                 topic: topic.to_string(),
                 number,
                 reason,
@@ -259,7 +307,7 @@ impl Scans {
     }
 
     fn end(&self, end: StreamEnd) -> RecordingError {
-        let (path, scans) = (self.path.clone(), self.delivered);
+        let (path, scans) = (self.path(), self.delivered);
         match end {
             StreamEnd::Cut { offset, reason } => {
                 RecordingError::Cut { path, offset, scans, reason }

@@ -1,6 +1,6 @@
 //! What the containers have in common: the topics met so far, a message, an end.
 
-use crate::laser_scan::{MESSAGE_BYTES_MAX, ROS1_MD5, ROS1_TYPE};
+use crate::laser_scan::{ROS1_ECHO_MD5, ROS1_ECHO_TYPE, ROS1_MD5, ROS1_TYPE, Wire};
 use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::sync::Arc;
@@ -51,7 +51,7 @@ impl Channels {
     }
 
     /// Notes a topic of a ROS 1 bag by the type of its messages and the MD5 of their definition:
-    /// index of the scan topic, or `None` for other messages.
+    /// index of the scan topic and how its messages are laid out, or `None` for other messages.
     ///
     /// # Errors
     /// As [`Channels::scan_topic`], or an MD5 that is none.
@@ -60,18 +60,21 @@ impl Channels {
         name: &[u8],
         message_type: &[u8],
         md5: &[u8],
-    ) -> Result<Option<usize>, String> {
+    ) -> Result<Option<(usize, Wire)>, String> {
         if md5.len() > MD5_CHARS {
             return Err(format!("an MD5 of {} characters, expected {MD5_CHARS}", md5.len()));
         }
         let name = String::from_utf8_lossy(name);
-        if message_type != ROS1_TYPE.as_bytes() {
-            let message_type = String::from_utf8_lossy(message_type).into_owned();
-            self.other(&name, message_type).map(|()| None)
-        } else if md5 == ROS1_MD5.as_bytes() || md5 == b"*" {
-            self.scan_topic(&name).map(Some)
+        let message_type = String::from_utf8_lossy(message_type).into_owned();
+        let (expected, wire) = match &*message_type {
+            ROS1_TYPE => (ROS1_MD5, Wire::Ros1),
+            ROS1_ECHO_TYPE => (ROS1_ECHO_MD5, Wire::Ros1MultiEcho),
+            _ => return self.other(&name, message_type).map(|()| None),
+        };
+        if md5 == expected.as_bytes() || md5 == b"*" {
+            self.scan_topic(&name).map(|topic| Some((topic, wire)))
         } else {
-            self.other(&name, format!("{ROS1_TYPE} of another definition")).map(|()| None)
+            self.other(&name, format!("{message_type} of another definition")).map(|()| None)
         }
     }
 }
@@ -94,15 +97,16 @@ pub(crate) struct Raw {
     pub bytes: Vec<u8>,
     /// Its length.
     pub length: u64,
+    /// True if it is longer than any scan.
+    pub is_too_long: bool,
 }
 
 impl Raw {
     /// Reads a message of `length` bytes, or nothing if it is longer than any scan; how many were
     /// read.
-    pub fn read(&mut self, reader: &mut impl Read, length: u64) -> io::Result<u64> {
-        self.bytes.clear();
-        self.length = length;
-        if length <= MESSAGE_BYTES_MAX as u64 {
+    pub fn read(&mut self, reader: &mut impl Read, length: u64, wire: Wire) -> io::Result<u64> {
+        self.begin(length, wire);
+        if !self.is_too_long {
             self.bytes.resize(length as usize, 0);
             reader.read_exact(&mut self.bytes)?;
         }
@@ -110,17 +114,17 @@ impl Raw {
     }
 
     /// Takes a message, or nothing if it is longer than any scan.
-    pub fn copy(&mut self, bytes: &[u8]) {
-        self.bytes.clear();
-        self.length = bytes.len() as u64;
-        if !self.is_too_long() {
+    pub fn copy(&mut self, bytes: &[u8], wire: Wire) {
+        self.begin(bytes.len() as u64, wire);
+        if !self.is_too_long {
             self.bytes.extend_from_slice(bytes);
         }
     }
 
-    /// True if the message was longer than any scan.
-    pub fn is_too_long(&self) -> bool {
-        self.length > MESSAGE_BYTES_MAX as u64
+    fn begin(&mut self, length: u64, wire: Wire) {
+        self.bytes.clear();
+        self.length = length;
+        self.is_too_long = length > wire.bytes_max() as u64;
     }
 }
 

@@ -57,16 +57,32 @@ fn refusal(bad: &Fields) -> String {
 
 #[test]
 fn foreign_files_are_named_with_what_to_do() {
-    let cases: [(&[u8], &str, &str); 10] = [
+    let gzip = common::gzip;
+    let packed_bag = gzip(b"#ROSBAG V2.0\n");
+    let packed_rawlog = gzip(b"\x8dCSensoryFrame\x02");
+    let packed_text = gzip(b"hello");
+    let cases: [(&[u8], &str, &str); 18] = [
         (b"#ROSBAG V2.1\n", "version other than 2.0", "rosbag fix"),
         (b"#ROSRECORD V1.1\n", "older than version 1.2", "rosbag fix"),
         (b"#ROSLOG V1.1\n", "older than version 1.2", "rosbag fix"),
         (b"#ROSRECORD V1.", "cut after 14 bytes", "copied completely"),
-        (b"SQLite format 3\0....", "ROS 2 bag (.db3)", "ros2 bag convert"),
-        (b"\x0a\x0d\x0d\x0a\x1c\0\0\0", "pcapng", "record the scans"),
-        (b"\x1f\x8b\x08", "gzip", "unpack it"),
-        (b"# comment\nPARAM laser_type PLS\nFLASER 2 1 1 0 0 0 0 0 0 0 x 0\n", "CARMEN", "MCAP"),
+        (b"SQLite format 3\0....", "an SQLite file that is no ROS 2 bag", "the .db3 file"),
+        (b"\x0a\x0d\x0d\x0a\x1c\0\0\0", "pcapng", "ros2 bag record"),
+        (b"[\n {\n  \"_source\": {", "a network capture as JSON", "not scans"),
+        (b"{\"a\": 1}", "a JSON text", "the recording it was made from"),
+        (b"\x1f\x8b\x08", "a gzip file that holds an empty file", "copied completely"),
+        (&packed_bag, "a gzip file with a recording in it", "unpack it"),
+        (
+            &packed_text,
+            "a gzip file that holds a file that begins with \"hello\"",
+            "that you meant",
+        ),
+        (&packed_rawlog, "an MRPT rawlog", "rawlog2rosbag"),
+        (b"\x87CAction", "an MRPT rawlog", "a CSV"),
+        (b"\x28\xb5\x2f\xfd", "a zstd file", "unpack it"),
+        (b"## Player version 1.6\n## File version 0.1.0\n", "a Player log", "other than 0.3"),
         (b"", "an empty file", "copied completely"),
+        (b"1.0,2.0\n3.0,4.0\n", "begins with \"1.0,2.0", "--columns"),
         (b"hello\xff", "begins with \"hello\\xff\"", "the file that you meant"),
     ];
     for (bytes, found, advice) in cases {

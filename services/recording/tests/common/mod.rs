@@ -245,3 +245,98 @@ pub fn file(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
     std::fs::write(&path, bytes).unwrap();
     (directory, path)
 }
+
+/// Bytes packed with gzip.
+pub fn gzip(bytes: &[u8]) -> Vec<u8> {
+    let mut writer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    writer.write_all(bytes).unwrap();
+    writer.finish().unwrap()
+}
+
+/// A CARMEN log of scans of `beams` ranges, with odometry between them.
+pub fn carmen(scans: usize, beams: usize) -> String {
+    let mut text = String::from("# message formats defined: PARAM ODOM FLASER\nPARAM x 1 host 0\n");
+    for scan in 0..scans {
+        text += &format!("ODOM 0 0 0 0 0 0 {scan}.25 host {scan}.25\nFLASER {beams}");
+        (0..beams).for_each(|beam| text += &format!(" {}.{:02}", 1 + beam % 7, scan));
+        text += &format!(" 0 0 0 0 0 0 {}.5 host {scan}.75\n", 100 + scan);
+    }
+    text
+}
+
+/// A log of Player's `writelog` with scans of two lasers.
+pub fn player(scans: usize) -> String {
+    let mut text = String::from(
+        "## Player version 3.0.2 \n## File version 0.3.0 \n## Format: \n\
+         0000000000.000 16777343 6665 laser 00 004 001 +0.000 +0.000 +0.000 0.15 0.15\n",
+    );
+    for scan in 0..scans {
+        let (time, index) = (format!("{:010}.{:03}", 1000 + scan, scan), scan % 2);
+        text += &format!(
+            "{time} 16777343 6665 laser {index:02} 001 001 {scan:04} -0.5000 +0.5000 +0.5000 +8.1920 \
+             0003 1.500 00 8.191 01 8.187 00 \n"
+        );
+    }
+    text
+}
+
+/// A ROS 2 bag in SQLite: `(topic, type, body)` by message.
+pub fn db3(path: &Path, messages: &[(&str, &str, Vec<u8>)]) {
+    let bag = rusqlite::Connection::open(path).unwrap();
+    bag.execute_batch(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, \
+         serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
+         CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, \
+         timestamp INTEGER NOT NULL, data BLOB NOT NULL);
+         CREATE INDEX timestamp_idx ON messages (timestamp ASC);",
+    )
+    .unwrap();
+    let mut topics: Vec<&str> = Vec::new();
+    for (number, (topic, message_type, body)) in messages.iter().enumerate() {
+        let id = topics.iter().position(|known| known == topic).unwrap_or_else(|| {
+            topics.push(topic);
+            let row = (topics.len() as i64, topic, message_type);
+            bag.execute("INSERT INTO topics VALUES (?1, ?2, ?3, 'cdr', '')", row).unwrap();
+            topics.len() - 1
+        });
+        let row = (id as i64 + 1, 1_700_000_000_000_000_000 + number as i64, body);
+        let insert = "INSERT INTO messages(topic_id, timestamp, data) VALUES (?1, ?2, ?3)";
+        bag.execute(insert, row).unwrap();
+    }
+}
+
+/// A MultiEchoLaserScan of ROS 1 with these (ranges, intensities) by beam.
+pub fn multi_echo(beams: &[(&[f32], &[f32])]) -> Vec<u8> {
+    let mut body = Fields { ranges: Vec::new(), ..Fields::default() }.ros1();
+    body.truncate(body.len() - 8); // both empty sequences
+    for part in [0, 1] {
+        body.extend((beams.len() as u32).to_le_bytes());
+        for beam in beams {
+            let floats = [beam.0, beam.1][part];
+            body.extend((floats.len() as u32).to_le_bytes());
+            floats.iter().for_each(|float| body.extend(float.to_le_bytes()));
+        }
+    }
+    body
+}
+
+/// Everything that a recording gives.
+pub fn read_with(
+    path: &Path,
+    options: recording::ReadOptions,
+) -> (Vec<recording::RecordedScan>, Vec<recording::RecordingError>) {
+    let (mut scans, mut errors) = (Vec::new(), Vec::new());
+    for item in recording::Recording::open_with(path, options).unwrap().scans() {
+        match item {
+            Ok(scan) => scans.push(scan),
+            Err(error) => errors.push(error),
+        }
+    }
+    (scans, errors)
+}
+
+/// Everything that these bytes give.
+pub fn read(bytes: &[u8]) -> (Vec<recording::RecordedScan>, Vec<recording::RecordingError>) {
+    let (_directory, path) = file(bytes);
+    read_with(&path, recording::ReadOptions::default())
+}
