@@ -61,7 +61,8 @@ pub(crate) struct Classifier<const K: usize> {
 struct Leads {
     /// Added to the lead: infinite for rivals that never win, since they equal the class, or are none.
     head_start: [f64; CLASSES_MAX],
-    /// Frames per unit of lead: by evidence code while that stays, then in any case (3).
+    /// Frames per unit of lead: by evidence code while that stays, then in any case (3). Not for
+    /// unknown: see `Classifier::steady_unseen`.
     frames: [[f64; CLASSES_MAX]; 4],
 }
 
@@ -182,12 +183,57 @@ impl<const K: usize> Classifier<K> {
             anys[lane] = lead * any_rates[lane];
         }
         let lower = |a: f64, b: f64| if a < b { a } else { b };
-        let steady = steadies.into_iter().fold(f64::INFINITY, lower);
+        let steady = if cell.evidence == crate::flip::UNKNOWN {
+            self.steady_unseen(cell, class, &distances, least)
+        } else {
+            steadies.into_iter().fold(f64::INFINITY, lower)
+        };
         let any = anys.into_iter().fold(f64::INFINITY, lower);
         // After n frames of drift the lead is not gone yet, so n is safe to look at, and so is 1.
         let frames = |n: f64| if n == f64::INFINITY { NEVER } else { (n as u32).max(1) };
         let steady = if self.is_saturated(cell) { NEVER } else { frames(steady) };
         (class, steady, frames(any))
+    }
+
+    /// Frames that a class is safe while its cell is not seen.
+    ///
+    /// After a gap or the loss of a laser that are most cells, and their classes would be looked at in
+    /// almost every frame if only the rates counted: unseen, every window drifts towards 1/2, where
+    /// prototypes tie. So: a window with nothing known in it does not drift any more, one without a
+    /// hit only rises, and a tie of equal terms stays one.
+    fn steady_unseen(
+        &self,
+        cell: &Contents<K>,
+        class: usize,
+        distances: &[f64],
+        least: f64,
+    ) -> f64 {
+        let mut steady = f64::INFINITY;
+        for (rival, distance) in distances.iter().enumerate().take(self.classes) {
+            let (mut loss, mut is_level) = (0.0, true);
+            for k in 0..K {
+                let (c, q) = (self.prototypes[k][class], self.prototypes[k][rival]);
+                let slope = 2.0 * (q - c) / self.frames_f64[k];
+                if slope == 0.0 {
+                    continue;
+                }
+                let without_hit = cell.hit_age >= self.frames[k];
+                if without_hit && cell.sums[k] == 0 {
+                    let o = self.occupancy(k, 0);
+                    is_level &= (o - c) * (o - c) == (o - q) * (o - q);
+                } else {
+                    // o_k moves by 1 / 2 N_k a frame.
+                    loss += if without_hit { slope.max(0.0) } else { slope.abs() } / 2.0;
+                    is_level = false;
+                }
+            }
+            let lead = (distance - least - DISTANCE_MARGIN).max(0.0);
+            if !is_level {
+                let frames = if lead > 0.0 { lead / loss } else { 0.0 }; // +inf for a loss of 0
+                steady = steady.min(frames);
+            }
+        }
+        steady
     }
 
     /// Whether all windows are full of the evidence of now: nothing moves while it stays.
