@@ -45,14 +45,24 @@ impl Pipeline {
         while let Some(frame) = self.fusion.next_frame(None) {
             let context = self.mapper.context_of(frame.number);
             let changed = Some(frame.changed_cells);
-            self.mapper.frame(frame.view(), changed, |number, grid| step(number, grid.classes()));
+            let mut steps = 0;
+            self.mapper.frame(frame.view(), changed, |number, grid| {
+                steps += 1;
+                step(number, grid.classes());
+            });
             let class_frame = ClassFrame {
                 number: frame.number,
                 lasers_present: frame.lasers_present,
                 context,
                 classes: self.mapper.grid().classes(),
             };
-            self.watch.handle(&class_frame, changes);
+            // The list is of one step of the grid, and frames that never came are steps as well.
+            if steps == 1 {
+                let changed = self.mapper.grid().changed_cells();
+                self.watch.handle_changed(&class_frame, changed, changes);
+            } else {
+                self.watch.handle(&class_frame, changes);
+            }
         }
         self.fusion.drain_finished().for_each(drop);
     }

@@ -1,5 +1,6 @@
 //! One area of a replay: sources -> pipeline -> files.
 
+use super::lane::Lane;
 use super::{ReplayError, output, write_error};
 use crate::pipeline::Pipeline;
 use anomaly::Phase;
@@ -9,24 +10,17 @@ use laser::replay::ReplaySource;
 use laser::source::SourceError;
 use mapper::results::{Results, Rows};
 use protocol::event::EventChange;
-use protocol::scan::LaserScan;
 use protocol::site::Site;
 use protocol::time::SECOND_NS;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A laser of the area.
-struct Lane {
-    source: ReplaySource,
-    /// Stamp of the last scan that was taken.
-    newest_ns: u64,
-    ended: bool,
-}
-
 /// The run of one area.
 pub struct AreaRun {
     pipeline: Pipeline,
     lanes: Vec<Lane>,
+    /// Stamp of the last scan that was taken of each; `None` at its end.
+    newest_ns: Vec<Option<u64>>,
     results: Results,
     events: output::EventLog,
     changes: Vec<EventChange>,
@@ -50,9 +44,14 @@ impl AreaRun {
         rows: Rows,
     ) -> Result<Self, ReplayError> {
         let pipeline = Pipeline::new(site, area_index)?;
-        let lane = |source| Lane { source, newest_ns: 0, ended: false };
+        let lanes: Vec<Lane> = sources
+            .into_iter()
+            .map(Lane::open)
+            .collect::<Result<_, _>>()
+            .map_err(ReplayError::Thread)?;
         Ok(Self {
-            lanes: sources.into_iter().map(lane).collect(),
+            newest_ns: vec![Some(0); lanes.len()],
+            lanes,
             results: Results::create(directory, &pipeline.area, rows)
                 .map_err(write_error(directory))?,
             events: output::EventLog::create(directory)?,
@@ -71,41 +70,41 @@ impl AreaRun {
     /// # Errors
     /// If a source breaks for a reason other than a cut recording, or the results cannot be written.
     pub fn replay_all(&mut self, bar: &ProgressBar) -> Result<(), ReplayError> {
-        let mut scan = LaserScan::default();
         loop {
-            let speaking = self.lanes.iter().enumerate().filter(|(_, lane)| !lane.ended);
-            let Some((index, _)) = speaking.min_by_key(|(_, lane)| lane.newest_ns) else { break };
-            self.one_scan(index, &mut scan)?;
+            let speaking = self.newest_ns.iter().enumerate();
+            let speaking = speaking.filter_map(|(lane, stamp_ns)| Some((lane, (*stamp_ns)?)));
+            let Some((lane, _)) = speaking.min_by_key(|(_, stamp_ns)| *stamp_ns) else { break };
+            self.one_scan(lane)?;
             self.frames()?;
-            let first_ns = *self.first_ns.get_or_insert(scan.stamp_ns);
-            bar.set_position(scan.stamp_ns.saturating_sub(first_ns) / SECOND_NS);
+            if let Some(stamp_ns) = self.newest_ns[lane] {
+                let first_ns = *self.first_ns.get_or_insert(stamp_ns);
+                bar.set_position(stamp_ns.saturating_sub(first_ns) / SECOND_NS);
+            }
         }
         Ok(())
     }
 
-    fn one_scan(&mut self, index: usize, scan: &mut LaserScan) -> Result<(), ReplayError> {
-        let lane = &mut self.lanes[index];
-        let more = match lane.source.next(scan) {
-            Ok(more) => more,
+    fn one_scan(&mut self, index: usize) -> Result<(), ReplayError> {
+        let (lane, laser) = (&mut self.lanes[index], &self.pipeline.lasers[index].id);
+        let scan = match lane.next() {
+            Ok(scan) => scan,
             Err(error) if error.is_early_end() => {
                 self.cut = Some(error);
-                false
+                None
             }
             Err(error) => return Err(error.into()),
         };
-        let laser = &self.pipeline.lasers[index].id;
-        for oddity in lane.source.take_oddities() {
-            eprintln!("tog: laser {laser}: {}", oddity.text);
-        }
-        if !more {
-            lane.ended = true;
+        self.newest_ns[index] = scan.map(|scan| scan.stamp_ns);
+        if let Some(scan) = scan {
+            let origin = Origin { laser: index, session: 0, seq: 0, published_mono_ns: 0 };
+            if let Err(refused) = self.pipeline.fusion.scan(origin, scan.view(), None) {
+                eprintln!("tog: laser {laser}: {refused}");
+            }
+        } else {
             self.pipeline.fusion.end(index);
-            return Ok(());
         }
-        lane.newest_ns = scan.stamp_ns;
-        let origin = Origin { laser: index, session: 0, seq: 0, published_mono_ns: 0 };
-        if let Err(refused) = self.pipeline.fusion.scan(origin, scan.view(), None) {
-            eprintln!("tog: laser {laser}: {refused}");
+        for oddity in lane.take_oddities() {
+            eprintln!("tog: laser {laser}: {}", oddity.text);
         }
         Ok(())
     }
@@ -158,7 +157,7 @@ impl AreaRun {
         let dropped: u64 = self
             .lanes
             .iter()
-            .map(|lane| lane.source.counts())
+            .map(Lane::counts)
             .map(|counts| counts.dropped_out_of_order + counts.dropped_geometry + counts.refused)
             .sum::<u64>()
             + counts.scans_refused;

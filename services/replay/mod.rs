@@ -6,10 +6,12 @@
 //! | file | what |
 //! |---|---|
 //! | `layout.rs` | a site file for a recording that has none |
-//! | `area.rs` | one area: sources -> pipeline -> files |
+//! | `lane.rs` | the scans of a laser, decoded on a thread of their own |
+//! | `area.rs` | one area: lanes -> pipeline -> files |
 //! | `output.rs` | events.jsonl; grid.json and pictures as `services/map/` draws them |
 
 mod area;
+mod lane;
 mod layout;
 mod output;
 
@@ -57,6 +59,9 @@ pub enum ReplayError {
     /// The contexts of an area.
     #[error(transparent)]
     Context(#[from] mapper::context::ContextError),
+    /// A thread for the scans of a laser.
+    #[error("cannot start a thread that reads the recording: {0}")]
+    Thread(io::Error),
     /// A file of the results.
     #[error("cannot write the results to {}: {source}", path.display())]
     Write {

@@ -4,7 +4,7 @@
 //! its place reads as vacated (semantics.md). So a door is a component of at least [`CELLS_MIN`] cells
 //! in which both are strong. That a door is open is normal; that it stays open is not.
 
-use crate::normal::Normal;
+use crate::normal::Stock;
 use crate::place::{Bounds, bounds_of};
 use crate::plane::{Flood, Plane, for_each_neighbour};
 use crate::role::{Role, Roles};
@@ -56,29 +56,26 @@ impl Door {
     }
 }
 
-/// Doors of an area by its counts, in the order of their lowest cells; marks their cells in `plane`.
-pub(crate) fn find(
-    grid: &GridGeometry,
-    normal: &Normal,
-    roles: &Roles,
-    plane: &mut Plane,
-) -> Vec<Door> {
-    let cells = grid.cells();
-    plane.clear();
-    for cell in 0..cells {
-        let (mut fixed, mut vacated, mut known) = (0.0, 0.0, 0.0);
-        for (slot, seen) in normal.totals(cell).into_iter().enumerate().take(roles.classes()) {
-            known += seen as f64;
-            match roles.role(slot as u8) {
-                Role::Fixed => fixed += seen as f64,
-                Role::Vacated => vacated += seen as f64,
-                _ => {}
-            }
+/// Whether a cell with this past may be of a door.
+pub(crate) fn is_like(stock: &Stock, roles: &Roles) -> bool {
+    let (mut fixed, mut vacated) = (0, 0);
+    for (slot, seen) in stock.seen.iter().enumerate().take(roles.classes()) {
+        match roles.role(slot as u8) {
+            Role::Fixed => fixed += seen,
+            Role::Vacated => vacated += seen,
+            _ => {}
         }
-        let door =
-            known > 0.0 && fixed >= FIXED_SHARE_MIN * known && vacated >= VACATED_SHARE_MIN * known;
-        plane.set(cell, door);
     }
+    let known = stock.known as f64;
+    known > 0.0
+        && fixed as f64 >= FIXED_SHARE_MIN * known
+        && vacated as f64 >= VACATED_SHARE_MIN * known
+}
+
+/// Doors among the cells that may be of one, in the order of their lowest cells; marks their cells in
+/// `plane`.
+pub(crate) fn find(grid: &GridGeometry, like: &Plane, plane: &mut Plane) -> Vec<Door> {
+    plane.copy_from(like);
     // The leaf of a door is seen in pieces: those within two cells of each other are one.
     let mut joined = plane.clone();
     for _ in 0..JOIN_CELLS {
@@ -87,7 +84,7 @@ pub(crate) fn find(
     }
     let mut doors = Vec::new();
     let columns = grid.columns;
-    Flood::new(cells).components(grid, &joined, |members| {
+    Flood::new(grid.cells()).components(grid, &joined, |members| {
         let members: Vec<u32> =
             members.iter().copied().filter(|cell| plane.get(*cell as usize)).collect();
         let mut span = [u32::MAX, u32::MAX, 0, 0];
@@ -123,6 +120,7 @@ pub(crate) fn explains(doors: &[Door], region: Bounds, cell_m: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::normal::Normal;
 
     #[test]
     fn a_leaf_that_opens_now_and_then_is_a_door_and_a_wall_is_not() {
@@ -138,7 +136,9 @@ mod tests {
             (0..600).for_each(|_| normal.tick());
         }
         let mut plane = Plane::new(grid.cells());
-        let doors = find(&grid, &normal, &roles, &mut plane);
+        let mut like = Plane::new(grid.cells());
+        (0..grid.cells()).for_each(|cell| like.set(cell, is_like(&normal.stock(cell), &roles)));
+        let doors = find(&grid, &like, &mut plane);
         assert_eq!(doors.len(), 1);
         assert_eq!(doors[0].cells, [10, 11, 12, 13]);
         assert!(plane.get(10) && !plane.get(9));

@@ -38,7 +38,8 @@
 //! |---|---|
 //! | `watch`, `stages` | the core: a frame, the phases, the slow work between |
 //! | `sense` | changed cells, evidence, regions |
-//! | `normal`, `box_sums` | counts, probability, forgetting, seeding |
+//! | `normal` | counts, probability, forgetting, seeding |
+//! | `survey`, `box_sums` | taking stock of the whole map, a few cells a frame |
 //! | `role` | what a class says, read off its prototype |
 //! | `shadow` | what no laser can see |
 //! | `charge` | leaky CUSUM |
@@ -71,6 +72,7 @@ mod snapshot;
 mod stages;
 pub mod store;
 mod supervise;
+mod survey;
 #[cfg(test)]
 mod testing;
 mod threshold;

@@ -15,7 +15,6 @@
 //! *held* cell (in an open event, in quarantine) learns nothing. So an evidence l is always that of
 //! frames the model has not seen: every score is held out.
 
-use crate::box_sums::BoxSums;
 use crate::plane::{Plane, for_each_neighbour};
 use protocol::geometry::GridGeometry;
 use protocol::grid::CLASSES_MAX;
@@ -37,7 +36,7 @@ const FADE_S: f64 = 86_400.0;
 /// Somebody who walks or stands a little beside where others did is as normal as they were: p of a
 /// class of presence is at least this times its share within [`NEAR_M`].
 const NEAR_WEIGHT: f64 = 0.5;
-const NEAR_M: f64 = 0.4;
+pub(crate) const NEAR_M: f64 = 0.4;
 /// A cell that is known in less than this share of the learnt time is not missed when unknown.
 const COVERED_SHARE: f64 = 0.9;
 
@@ -60,6 +59,28 @@ pub(crate) struct Normal {
     /// Frames learnt in each context.
     learnt: Vec<u64>,
     unfaded: u64,
+}
+
+/// What a cell showed, frames.
+pub(crate) struct Stock {
+    /// By class.
+    pub(crate) seen: [u64; CLASSES_MAX],
+    /// Sum of `seen`.
+    pub(crate) known: u64,
+    pub(crate) unknown: u64,
+}
+
+impl Stock {
+    /// The class that was shown most, with its share; `None` if none was.
+    pub(crate) fn usual(&self) -> Option<(u8, f64)> {
+        let (mut slot, mut most) = (0, 0);
+        for (other, count) in self.seen.iter().enumerate() {
+            if *count > most {
+                (slot, most) = (other as u8, *count);
+            }
+        }
+        (self.known > 0).then(|| (slot, most as f64 / self.known as f64))
+    }
 }
 
 impl Normal {
@@ -226,30 +247,35 @@ impl Normal {
 
     /// The class that a cell shows most, with its share; `None` if it was never known.
     pub(crate) fn usual(&self, cell: usize) -> Option<(u8, f64)> {
-        let seen = self.totals(cell);
-        let known: u64 = seen.iter().sum();
-        let (mut slot, mut most) = (0, 0);
-        for (other, count) in seen.iter().enumerate() {
-            if *count > most {
-                (slot, most) = (other as u8, *count);
-            }
-        }
-        (known > 0).then(|| (slot, most as f64 / known as f64))
+        self.stock(cell).usual()
     }
 
-    /// Frames of a cell by class, all contexts.
-    pub(crate) fn totals(&self, cell: usize) -> [u64; CLASSES_MAX] {
-        let mut seen = [0; CLASSES_MAX];
+    /// Frames of a cell, all contexts.
+    pub(crate) fn stock(&self, cell: usize) -> Stock {
+        let mut stock = Stock { seen: [0; CLASSES_MAX], known: 0, unknown: 0 };
         let first = cell * (self.classes + 1);
         for counts in &self.counts {
-            for (sum, count) in seen.iter_mut().zip(&counts[first..first + self.classes]) {
+            let Some((unknown, seen)) = counts[first..=first + self.classes].split_last() else {
+                continue;
+            };
+            for (sum, count) in stock.seen.iter_mut().zip(seen) {
                 *sum += u64::from(*count);
             }
+            stock.unknown += u64::from(*unknown);
         }
-        if usize::from(self.live[cell]) < self.classes {
-            seen[usize::from(self.live[cell])] += u64::from(self.open_run(cell));
+        let run = u64::from(self.open_run(cell));
+        match usize::from(self.live[cell]) {
+            live if live < self.classes => stock.seen[live] += run,
+            _ => stock.unknown += run,
         }
-        seen
+        stock.known = stock.seen.iter().sum();
+        stock
+    }
+
+    /// Whether a cell is usually known, and for long enough to say so.
+    pub(crate) fn is_covered(&self, stock: &Stock) -> bool {
+        let total = (stock.known + stock.unknown) as f64;
+        total * self.period_s >= TAU_S && stock.known as f64 >= COVERED_SHARE * total
     }
 
     /// True if the cell shows this class more often than not: no need to score it.
@@ -258,60 +284,19 @@ impl Normal {
         known > 0.0 && seen > 0.5 * known
     }
 
-    /// Takes stock of the whole map: shares of the classes, and the cells that are usually known
-    /// into `covered`. O(cells); once a minute.
-    pub(crate) fn take_stock(&mut self, covered: &mut Plane) {
-        let mut sums = vec![0u64; self.classes];
-        for cell in 0..self.live.len() {
-            let (mut known, mut unknown) = (0u64, 0u64);
-            let stride = self.classes + 1;
-            for counts in &self.counts {
-                let counts = &counts[cell * stride..(cell + 1) * stride];
-                for (sum, count) in sums.iter_mut().zip(counts) {
-                    *sum += u64::from(*count);
-                    known += u64::from(*count);
-                }
-                unknown += u64::from(counts[self.classes]);
-            }
-            let run = u64::from(self.open_run(cell));
-            match sums.get_mut(usize::from(self.live[cell])) {
-                Some(sum) => {
-                    *sum += run;
-                    known += run;
-                }
-                None => unknown += run,
-            }
-            let total = (known + unknown) as f64;
-            let enough = total * self.period_s >= TAU_S;
-            covered.set(cell, enough && known as f64 >= COVERED_SHARE * total);
-        }
-        let total: u64 = sums.iter().sum();
-        for (share, sum) in self.map_share.iter_mut().zip(sums) {
-            *share = if total > 0 { sum as f64 / total as f64 } else { 1.0 / self.classes as f64 };
+    /// Shares of the classes in the whole map, from the frames of all cells by class.
+    pub(crate) fn set_map_share(&mut self, seen: &[u64; CLASSES_MAX]) {
+        let total: u64 = seen.iter().sum();
+        for (share, sum) in self.map_share.iter_mut().zip(seen) {
+            *share = if total > 0 { *sum as f64 / total as f64 } else { 1.0 / self.classes as f64 };
         }
     }
 
-    /// Shares of the given classes within [`NEAR_M`] of every cell, over the cells of which
-    /// `is_source` holds (not walls: what stands beside a wall is not as normal as the wall).
-    /// O(cells) a class.
-    pub(crate) fn look_around(&mut self, slots: &[u8], is_source: impl Fn(&Self, usize) -> bool) {
-        let cells = self.live.len();
-        let sources: Vec<bool> = (0..cells).map(|cell| is_source(self, cell)).collect();
-        let reach = (NEAR_M / self.grid.cell_m).round() as usize;
-        let from = |cell: usize, frames: f64| if sources[cell] { frames } else { 0.0 };
-        let known_in = |cell: usize| self.totals(cell).iter().sum::<u64>() as f64;
-        let known = BoxSums::new(&self.grid, |cell| from(cell, known_in(cell)));
-        let mut near = std::mem::take(&mut self.near);
-        for slot in slots {
-            let seen_in = |cell: usize| self.totals(cell)[usize::from(*slot)] as f64;
-            let seen = BoxSums::new(&self.grid, |cell| from(cell, seen_in(cell)));
-            let share = |cell| {
-                let known = known.around(cell, reach);
-                if known > 0.0 { (seen.around(cell, reach) / known) as f32 } else { 0.0 }
-            };
-            near[usize::from(*slot)] = (0..cells).map(share).collect();
-        }
-        self.near = near;
+    /// Share of a class of presence within [`NEAR_M`] of a cell.
+    pub(crate) fn set_near(&mut self, slot: u8, cell: usize, share: f32) {
+        let near = &mut self.near[usize::from(slot)];
+        near.resize(self.live.len(), 0.0); // once
+        near[cell] = share;
     }
 
     /// Replaces the counts of a context by a collapsed map [class, row, column] of the same shape

@@ -7,11 +7,11 @@
 //! a neighbour's normal class (an edge that jitters by a cell), a shadow, a silent laser, a door.
 
 use crate::charge::Charge;
-use crate::door::{self, Door};
 use crate::normal::Normal;
 use crate::plane::{Flood, Plane, for_each_neighbour};
 use crate::role::{Role, Roles};
 use crate::shadow::{Eyes, Obstacle};
+use crate::survey::Survey;
 use protocol::geometry::GridGeometry;
 use protocol::grid::CLASSES_MAX;
 
@@ -61,17 +61,20 @@ pub(crate) struct Sense {
     pub(crate) normal: Normal,
     pub(crate) charge: Charge,
     eyes: Eyes,
+    pub(crate) survey: Survey,
     /// The payload of the last class map.
     bytes: Vec<u8>,
+    /// Changed cells in ascending order, while a class map is taken.
+    ascending: Vec<u32>,
     l: Vec<f32>,
-    evidence: Plane,
-    counted: Plane,
+    pub(crate) evidence: Plane,
+    pub(crate) counted: Plane,
     excluded: Plane,
     /// Cells of doors: that they are open is the business of `door`.
     pub(crate) doors: Plane,
     /// True while scores are wanted.
-    scoring: bool,
-    dirty: bool,
+    pub(crate) scoring: bool,
+    pub(crate) dirty: bool,
     flood: Flood,
     charged: Plane,
     /// Cells that are unknown now, and cells that usually are known.
@@ -97,7 +100,9 @@ impl Sense {
             normal,
             charge: Charge::new(cells, period_s),
             eyes,
+            survey: Survey::new(grid),
             bytes: vec![protocol::grid::CLASS_UNKNOWN; cells],
+            ascending: Vec::new(),
             l: vec![0.0; cells],
             evidence: Plane::new(cells),
             counted: Plane::new(cells),
@@ -118,10 +123,8 @@ impl Sense {
     }
 
     /// Takes a class map of the right length; `now` is the frame number modulo 2^32.
-    /// Returns the number of changed cells.
-    pub(crate) fn take(&mut self, classes: &[u8], now: u32) -> usize {
+    pub(crate) fn take(&mut self, classes: &[u8], now: u32) {
         // Three steps down, so that an unchanged part costs a comparison of memory: 4 kB, 64 B, 8 B.
-        let mut changed = 0;
         for block in (0..classes.len()).step_by(4096) {
             let end = (block + 4096).min(classes.len());
             if self.bytes[block..end] == classes[block..end] {
@@ -133,16 +136,35 @@ impl Sense {
                     continue;
                 }
                 for (offset, class) in classes[line..stop].iter().enumerate() {
-                    let cell = line + offset;
-                    if self.bytes[cell] != *class {
-                        self.bytes[cell] = *class;
-                        self.change(cell, self.roles.slot(*class), now);
-                        changed += 1;
-                    }
+                    self.take_cell(line + offset, *class, now);
                 }
             }
         }
-        changed
+    }
+
+    /// As [`Sense::take`], for a class map that differs from the one taken before it in no cell but
+    /// (some of) `cells`, in any order: saves the comparison.
+    pub(crate) fn take_changed(&mut self, classes: &[u8], cells: &[u32], now: u32) {
+        // Scores depend on what the neighbours show: the same order as without a list.
+        let mut ascending = std::mem::take(&mut self.ascending);
+        ascending.clear();
+        ascending.extend_from_slice(cells);
+        ascending.sort_unstable();
+        for &cell in &ascending {
+            if let Some(&class) = classes.get(cell as usize) {
+                self.take_cell(cell as usize, class, now);
+            }
+        }
+        self.ascending = ascending;
+        debug_assert!(self.bytes == classes, "a change that is not listed");
+    }
+
+    #[inline]
+    fn take_cell(&mut self, cell: usize, class: u8, now: u32) {
+        if self.bytes[cell] != class {
+            self.bytes[cell] = class;
+            self.change(cell, self.roles.slot(class), now);
+        }
     }
 
     fn change(&mut self, cell: usize, slot: u8, now: u32) {
@@ -155,7 +177,7 @@ impl Sense {
 
     /// Scores what a cell shows. What reads "nothing here" is counted only by
     /// [`Sense::weigh_absences`], which asks whether it can be seen at all.
-    fn score(&mut self, cell: usize, now: u32) {
+    pub(crate) fn score(&mut self, cell: usize, now: u32) {
         let slot = self.normal.live()[cell];
         let role = self.roles.role(slot);
         let mut l = 0.0;
@@ -198,56 +220,11 @@ impl Sense {
         *l <= L_MIN
     }
 
-    /// Starts or stops scoring, and scores everything anew.
-    pub(crate) fn set_scoring(&mut self, scoring: bool, now: u32) {
-        self.scoring = scoring;
-        self.charge.reset();
-        self.evidence.clear();
-        self.counted.clear();
-        self.dirty = true;
-        if scoring {
-            self.look_around(None);
-        }
-        self.rescore(now);
-    }
-
-    /// Scores every cell with the counts of now. O(cells), but cells that show their usual class are
-    /// dismissed at once.
-    pub(crate) fn rescore(&mut self, now: u32) {
-        if self.scoring {
-            (0..self.bytes.len()).for_each(|cell| self.score(cell, now));
-        }
-    }
-
-    /// Once a minute: shares of the whole map, and which cells are usually known.
-    pub(crate) fn take_stock(&mut self) {
-        self.normal.take_stock(&mut self.covered);
-    }
-
-    /// Takes stock of where people are, for scores: of one class of presence, in turn, or of all.
-    pub(crate) fn look_around(&mut self, turn: Option<u64>) {
-        let mut slots: Vec<u8> = (0..self.roles.classes() as u8)
-            .filter(|slot| self.roles.role(*slot).is_present())
-            .collect();
-        if let Some(turn) = turn.filter(|_| !slots.is_empty()) {
-            slots = vec![slots[turn as usize % slots.len()]];
-        }
-        let roles = &self.roles;
-        self.normal.look_around(&slots, |normal, cell| {
-            normal.usual(cell).is_some_and(|(slot, _)| roles.role(slot) != Role::Fixed)
-        });
-    }
-
     /// True if something usually stands in a cell.
     fn is_usually_fixed(&self, cell: usize) -> bool {
         self.normal.usual(cell).is_some_and(|(slot, share)| {
             self.roles.role(slot) == Role::Fixed && share > PERMANENT_SHARE
         })
-    }
-
-    /// Doors by the counts of now; marks their cells.
-    pub(crate) fn find_doors(&mut self) -> Vec<Door> {
-        door::find(&self.grid, &self.normal, &self.roles, &mut self.doors)
     }
 
     /// Nothing is learnt from these cells.

@@ -19,7 +19,7 @@ pub(crate) const FLOOR_SPACE: f64 = 6.5;
 pub(crate) const FLOOR_TIME: f64 = 60.0;
 /// Slow work (charges, shadows, doors, coverage) is done twice a second.
 const TICK_S: f64 = 0.5;
-/// The whole map is taken stock of, and scored anew, once a minute of frames.
+/// The whole map is taken stock of, and scored anew, once in a minute of frames, a part in each.
 pub(crate) const STOCK_S: f64 = 60.0;
 /// Doors are looked for once an hour.
 const STOCKS_TO_FIND_DOORS: u64 = 60;
@@ -40,19 +40,12 @@ impl Watch {
         changes: &mut Vec<EventChange>,
     ) -> bool {
         let now = frame.number as u32;
-        if self.frames_to_stock == 0 {
-            self.frames_to_stock = u64::from(self.lattice.frames_in(STOCK_S));
-            self.sense.take_stock();
-            if self.phase != Phase::Learning {
-                self.sense.look_around(Some(self.stocks));
-            }
-            self.sense.rescore(now);
+        if self.sense.survey(u64::from(self.lattice.frames_in(STOCK_S)), now) {
             self.stocks += 1;
             if self.phase != Phase::Learning && self.stocks.is_multiple_of(STOCKS_TO_FIND_DOORS) {
                 self.find_doors(stamp_ns, changes);
             }
         }
-        self.frames_to_stock -= 1;
         if self.frames_to_tick > 0 {
             self.frames_to_tick -= 1;
             return false;

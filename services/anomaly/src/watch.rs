@@ -115,11 +115,12 @@ pub struct Watch {
     pub(crate) fault_first_ns: Vec<(u64, u64)>,
     pub(crate) first_ns: Option<u64>,
     last: Option<u64>,
+    /// Whether the map handed over last was taken.
+    took_last: bool,
     may_go_back: bool,
     /// Absence is no evidence and nothing is learnt before this frame.
     blind_until: u64,
     pub(crate) frames_to_tick: u64,
-    pub(crate) frames_to_stock: u64,
     pub(crate) stocks: u64,
     pub(crate) space_regions: Vec<Region>,
     pub(crate) time_regions: Vec<Region>,
@@ -173,10 +174,10 @@ impl Watch {
             fault_first_ns: Vec::new(),
             first_ns: None,
             last: None,
+            took_last: false,
             may_go_back: false,
             blind_until: 0,
             frames_to_tick: 0,
-            frames_to_stock: 0,
             stocks: 0,
             space_regions: Vec::new(),
             time_regions: Vec::new(),
@@ -273,6 +274,28 @@ impl Watch {
 
     /// Takes a class map; appends what is to be told, in order.
     pub fn handle(&mut self, frame: &ClassFrame<'_>, changes: &mut Vec<EventChange>) {
+        self.take(frame, None, changes);
+    }
+
+    /// As [`Watch::handle`], for a class map that differs from the one handed over before it in no
+    /// cell but (some of) `cells`, in any order: saves the comparison of the two.
+    pub fn handle_changed(
+        &mut self,
+        frame: &ClassFrame<'_>,
+        cells: &[u32],
+        changes: &mut Vec<EventChange>,
+    ) {
+        self.take(frame, Some(cells), changes);
+    }
+
+    fn take(
+        &mut self,
+        frame: &ClassFrame<'_>,
+        changed_cells: Option<&[u32]>,
+        changes: &mut Vec<EventChange>,
+    ) {
+        // A map that was not taken leaves a list that is of no use.
+        let changed_cells = changed_cells.filter(|_| std::mem::take(&mut self.took_last));
         if frame.classes.len() != self.sense.grid.cells() {
             self.counters.frames_refused += 1;
             return;
@@ -298,7 +321,11 @@ impl Watch {
         self.supervise_lasers(frame, stamp_ns, changes);
         let blind = number < self.blind_until;
         self.sense.normal.set_context(frame.context);
-        self.sense.take(frame.classes, now);
+        match changed_cells {
+            Some(cells) => self.sense.take_changed(frame.classes, cells, now),
+            None => self.sense.take(frame.classes, now),
+        }
+        self.took_last = true;
         let nobody = frame.lasers_present == 0 && !self.lasers.is_empty();
         if !blind && !nobody {
             self.sense.normal.tick();

@@ -68,7 +68,7 @@ fn an_excluded_zone_never_raises_and_a_named_one_is_named() {
         Zone { name: "till".into(), polygon_m: square(14.0, 6.0), exclude: false },
     ];
     let (mut watch, mut number) = (watch(&area), 1_000_000);
-    feed(&mut watch, &mut number, 6000, &map(None));
+    feed(&mut watch, &mut number, 30_000, &map(None));
     let told = feed(&mut watch, &mut number, 300, &map(Some(([5, 7], 2))));
     assert!(told.is_empty(), "{told:#?}");
     let told = feed(&mut watch, &mut number, 300, &map(Some(([15, 7], 2))));

@@ -1,4 +1,5 @@
-//! `cargo bench -p occupancy --bench table [-- W1r W2r W3r W1r-alone .. static long]`: the table of the README.
+//! `cargo bench -p occupancy --bench table [-- W1r W2r W3r W1r-alone .. static gap long]`: the table
+//! of the README.
 //!
 //! One thread, CPU time. Windows are full before anything is measured. The two versions take turns
 //! on blocks of the same frames; medians of the blocks, and of their ratios. At the end their
@@ -7,7 +8,7 @@
 
 mod support;
 
-use support::{Dense, Incremental, Load, cpu_us, median};
+use support::{Dense, Incremental, Load, cpu_us, median, resident_mb};
 
 /// Blocks measured. Each begins with the caches full of the other version's data, so they are long
 /// enough for that not to count.
@@ -18,10 +19,14 @@ fn main() {
         std::env::args().skip(1).filter(|arg| !arg.starts_with('-')).collect();
     let wants = |name: &str| wanted.is_empty() || wanted.iter().any(|wanted| wanted == name);
     println!(
-        "| workload | cells | dense us | (fusion) | incremental us | (fusion) | by planes us \
+        "Dense is the literal definition: the f64 formula of every cell of every frame. The ratio says \
+         what following\nthe changes saves, not how fast a tuned dense version could be.\n"
+    );
+    println!(
+        "| workload | cells | frames measured | dense us | (fusion) | incremental us | (fusion) | by planes us \
               | ratio | x real time | changed cells a frame | 60 s history MB |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     let frames = |window: usize, block: usize| (window + BLOCKS * block) as u64;
     if wants("W1r") {
         compare(&Load::w1r(frames(4500, 200)), 200);
@@ -34,6 +39,9 @@ fn main() {
     }
     if wants("static") {
         static_scene();
+    }
+    if wants("gap") {
+        gaps();
     }
     if wants("W1r-alone") {
         alone(&Load::w1r(13_500));
@@ -104,10 +112,11 @@ fn compare(load: &Load, block: usize) {
     let [dense_us, dense_fusion, fast_us, fast_fusion, planes_us, ratio] =
         medians.map(|mut values| median(&mut values));
     println!(
-        "| {} | {} | {dense_us:.0} | {dense_fusion:.0} | {fast_us:.1} | {fast_fusion:.1} \
+        "| {} | {} | {} | {dense_us:.0} | {dense_fusion:.0} | {fast_us:.1} | {fast_fusion:.1} \
          | {planes_us:.1} | {ratio:.1} | {:.0} | {:.0} | {:.2} |",
         load.name,
         load.cells(),
+        load.ranges_m.len() - warm,
         load.frame_period_ns as f64 * 1e-3 / fast_us,
         incremental.changes as f64 / measured,
         incremental.grid.history_bytes() as f64 * 1e-6,
@@ -129,10 +138,12 @@ fn check(load: &Load, incremental: &Incremental, dense: &Dense) {
 
 /// The incremental version with the caches to itself, in four parts of the run.
 fn alone(load: &Load) {
+    let before = resident_mb();
     let mut incremental = Incremental::new(load);
     for (number, scans) in load.ranges_m[..load.window()].iter().enumerate() {
         incremental.frame(number as u64, scans);
     }
+    let memory_mb = resident_mb() - before;
     let rest = &load.ranges_m[load.window()..];
     let block = rest.len() / 12;
     let (mut both, mut fusion) = (Vec::new(), Vec::new());
@@ -156,11 +167,44 @@ fn alone(load: &Load) {
     let least = both.iter().copied().fold(f64::INFINITY, f64::min);
     let median_us = median(&mut both);
     println!(
-        "\n{} alone: {median_us:.1} us a frame (least {least:.1}), fusion {:.1}, {:.0} x real time",
+        "\n{} alone: {median_us:.1} us a frame (least {least:.1}), fusion {:.1}, {:.0} x real time; \
+         {memory_mb:.0} MB resident, of these wedges {:.1} and history {:.2}",
         load.name,
         median(&mut fusion),
-        load.frame_period_ns as f64 * 1e-3 / median_us
+        load.frame_period_ns as f64 * 1e-3 / median_us,
+        incremental.fuser.wedge_bytes() as f64 * 1e-6,
+        incremental.grid.history_bytes() as f64 * 1e-6,
     );
+}
+
+/// The first frames after a gap: the frames that never came are steps as well, and many cells change.
+fn gaps() {
+    let load = Load::w1r(4500 + 100);
+    let (warm, after) = load.ranges_m.split_at(load.window());
+    let mut warmed = Incremental::new(&load);
+    for (number, scans) in (0..).zip(warm) {
+        warmed.frame(number, scans);
+    }
+    println!(
+        "\n| W1r after a gap of | first frame ms | slowest of the next 99 us |\n|---|---|---|"
+    );
+    for gap_s in [0.5, 2.0, 10.0, 30.0, 120.0] {
+        let mut slowest = [Vec::new(), Vec::new()];
+        for _ in 0..5 {
+            let mut incremental = warmed.clone();
+            let first = warm.len() as u64 + (gap_s * 1e9 / load.frame_period_ns as f64) as u64;
+            let mut took_us = Vec::new();
+            for (number, scans) in (first..).zip(after) {
+                let start = cpu_us();
+                incremental.frame(number, scans);
+                took_us.push(cpu_us() - start);
+            }
+            slowest[0].push(took_us[0]);
+            slowest[1].push(took_us[1..].iter().copied().fold(0.0, f64::max));
+        }
+        let [first_us, next_us] = slowest.map(|mut values| median(&mut values));
+        println!("| {gap_s} s | {:.2} | {next_us:.0} |", first_us * 1e-3);
+    }
 }
 
 /// The same scan for ever: what a frame costs when nothing changes.

@@ -8,13 +8,13 @@
 //! The result is bit-identical to [`crate::dense::Fuser`], whatever the order of the scans: the
 //! planes are a function of the last scan of each laser.
 
-use crate::sensor_model::{BeamReading, LaserModel};
-use crate::votes::{HIT, MISS, Votes};
-use crate::wedge::{WedgeCell, WedgeTable};
+use crate::sensor_model::LaserModel;
+use crate::votes::{Change, Votes};
+use crate::wedge::{FEW, Wedge, WedgeTable};
 use protocol::geometry::GridGeometry;
 
-/// Beams whose places in the wedges are fetched together: two cache lines each.
-const FETCHED_BEAMS: usize = 32;
+/// Beams whose places in the wedges are fetched together: three cache lines each.
+const FETCHED_BEAMS: usize = 16;
 
 /// Incremental fusion of one area.
 #[derive(Debug, Clone)]
@@ -29,10 +29,14 @@ pub struct Fuser {
 struct Laser {
     model: LaserModel,
     wedges: WedgeTable,
-    /// Per beam: readings in [low, high] say what the last one said. NaN is in no interval.
+    /// Per beam: readings in [low, high) say what the last one said; NaN as `high` is no limit, and
+    /// NaN as reading is in no interval.
     low_m: Vec<f32>,
     high_m: Vec<f32>,
     beams: Vec<Beam>,
+    /// Readings in [`range_min_m`, `range_max_m`) are echoes.
+    range_min_m: f32,
+    range_max_m: f32,
 }
 
 /// A beam's wedge in the table, and how far along it the last reading went.
@@ -40,6 +44,8 @@ struct Laser {
 struct Beam {
     start: usize,
     end: usize,
+    /// Cells that "no return" says to be free: the first ones, up to this.
+    free_end: u32,
     marks: Marks,
 }
 
@@ -71,12 +77,17 @@ impl Fuser {
     }
 
     /// Sets or replaces a laser; it is absent until its first scan. Builds its wedges: 12 B for
-    /// each pair of a cell and a beam that covers it, about 0.1 us each. Does nothing if `laser` is
+    /// each pair of a cell and a beam that covers it, about 0.2 us each. Does nothing if `laser` is
     /// not below the number given to [`Fuser::new`].
     pub fn install(&mut self, laser: usize, model: &LaserModel) {
         self.retract(laser);
         if let Some(slot) = self.lasers.get_mut(laser) {
             *slot = Some(Laser::new(&self.grid, *model));
+            let mut beams = vec![0; self.grid.cells()];
+            for laser in self.lasers.iter().flatten() {
+                laser.wedges.count_beams(&mut beams);
+            }
+            self.votes.expect(beams.into_iter().max().unwrap_or(0));
         }
     }
 
@@ -102,7 +113,7 @@ impl Fuser {
             laser.fetch(beams);
             for &beam in beams {
                 let beam = beam as usize;
-                laser.move_beam(beam, laser.model.interpret(ranges_m[beam]), &mut self.votes);
+                laser.move_beam(beam, ranges_m[beam], &mut self.votes);
             }
         }
         self.votes.cast();
@@ -112,7 +123,7 @@ impl Fuser {
     pub fn retract(&mut self, laser: usize) {
         let Some(Some(laser)) = self.lasers.get_mut(laser) else { return };
         for beam in 0..laser.model.beams {
-            laser.move_beam(beam, laser.model.interpret(f32::NAN), &mut self.votes);
+            laser.move_beam(beam, f32::NAN, &mut self.votes);
         }
         self.votes.cast();
     }
@@ -152,18 +163,19 @@ impl Laser {
     fn new(grid: &GridGeometry, model: LaserModel) -> Self {
         let wedges = WedgeTable::build(grid, &model);
         let marks = Marks::default();
-        let beams = wedges.bounds().map(|(start, end)| Beam { start, end, marks }).collect();
+        let beam = |(start, end, free_end)| Beam { start, end, free_end, marks };
+        let beams = wedges.bounds().map(beam).collect();
         let mut laser = Self {
             wedges,
             low_m: vec![0.0; model.beams],
             high_m: vec![0.0; model.beams],
             beams,
+            range_min_m: f32_not_below(model.geometry.range_min_m),
+            range_max_m: f32_not_below(model.geometry.range_max_m),
             model,
         };
-        let nothing = laser.model.interpret(f32::NAN);
         for beam in 0..laser.model.beams {
-            (laser.low_m[beam], laser.high_m[beam]) =
-                laser.interval(&[], Marks::default(), nothing);
+            (laser.low_m[beam], laser.high_m[beam]) = laser.silent_interval(f32::NAN);
         }
         laser
     }
@@ -174,7 +186,8 @@ impl Laser {
         moved.clear();
         moved.resize(self.model.beams + 1, 0);
         let beams = self.model.beams.min(ranges_m.len());
-        let inside = |r: f32, low: f32, high: f32| (r >= low) & (r <= high);
+        #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN as `high` is no limit")]
+        let inside = |r: f32, low: f32, high: f32| (r >= low) & !(r >= high);
         let mut count = 0;
         for first in (0..beams).step_by(LANES) {
             let chunk = first..(first + LANES).min(beams);
@@ -198,136 +211,140 @@ impl Laser {
     }
 
     /// Brings what `move_beam` will look at into the cache, all at once instead of one by one.
+    #[inline]
     fn fetch(&self, beams: &[u32]) {
         let mut touched = 0;
         for &beam in beams {
             if let Some(&Beam { start, marks, .. }) = self.beams.get(beam as usize) {
-                for mark in [marks.hit_start, marks.hit_end] {
-                    touched ^= self.wedges.cell_number(start + mark as usize);
-                }
+                touched ^= self.wedges.touch(start, marks.miss_end, marks.hit_end);
             }
         }
         std::hint::black_box(touched);
     }
 
-    fn move_beam(&mut self, index: usize, says: BeamReading, votes: &mut Votes) {
-        let Some(&Beam { start, end, marks: old }) = self.beams.get(index) else { return };
+    fn move_beam(&mut self, index: usize, range_m: f32, votes: &mut Votes) {
+        let Some(&Beam { start, end, free_end, marks: old }) = self.beams.get(index) else {
+            return;
+        };
         let wedge = self.wedges.wedge(start, end);
-        let new = old.walked(wedge, says, self.model.range_tolerance_m);
-        (self.low_m[index], self.high_m[index]) = self.interval(wedge, new, says);
+        let new;
+        if range_m >= self.range_min_m && range_m < self.range_max_m {
+            new = old.moved_to(&wedge, range_m);
+            let (low, high) = new.interval(&wedge);
+            self.low_m[index] = low.max(self.range_min_m);
+            self.high_m[index] = high.min(self.range_max_m);
+        } else {
+            let miss_end = if range_m >= self.range_max_m { free_end } else { 0 };
+            new = Marks { miss_end, hit_start: miss_end, hit_end: miss_end };
+            (self.low_m[index], self.high_m[index]) = self.silent_interval(range_m);
+        }
         if new != old {
-            note_votes(wedge, old, new, votes);
+            self.note_votes(start, old, new, votes);
             self.beams[index].marks = new;
         }
     }
 
-    /// The readings between which the marks of a beam stay as they are. Only an early-out: it is
-    /// some micrometres short at each end, so no rounding can put a reading on the wrong side.
-    fn interval(&self, wedge: &[WedgeCell], marks: Marks, says: BeamReading) -> (f32, f32) {
-        let geometry = &self.model.geometry;
-        if says.echo_m.is_nan() {
-            return if says.miss_below_m == f64::NEG_INFINITY {
-                (f32::NEG_INFINITY, f32_below(geometry.range_min_m))
-            } else {
-                (f32_not_below(geometry.range_max_m), f32::INFINITY)
-            };
+    /// The readings that say the same as one that is no echo.
+    fn silent_interval(&self, range_m: f32) -> (f32, f32) {
+        if range_m >= self.range_max_m && self.model.no_return_is_free {
+            (self.range_max_m, f32::NAN)
+        } else {
+            (f32::NEG_INFINITY, self.range_min_m)
         }
-        // Rounding to f32 moves a number by 6e-8 of itself at most.
-        const SHORT: f64 = 2e-7;
-        let (low, high) = marks.interval(wedge, self.model.range_tolerance_m);
-        let low = low.max(geometry.range_min_m) * (1.0 + SHORT) + 1e-9;
-        let high = high.min(geometry.range_max_m) * (1.0 - SHORT) - 1e-9;
-        (low as f32, high as f32)
+    }
+
+    /// Notes the votes of one beam that change from the old marks to the new ones.
+    fn note_votes(&self, start: usize, old: Marks, new: Marks, votes: &mut Votes) {
+        if old.touches() && new.touches() {
+            // The usual case: the echo moved a little. Nearer cells turn from hit to miss or back.
+            let near = old.hit_start.abs_diff(new.hit_start) as usize;
+            let far = old.hit_end.abs_diff(new.hit_end) as usize;
+            if near <= FEW && far <= FEW {
+                let further = new.hit_start > old.hit_start;
+                let turned = if further { Change::HitToMiss } else { Change::MissToHit };
+                let further = new.hit_end > old.hit_end;
+                let seen = if further { Change::Hit } else { Change::NoHit };
+                let first = |a: u32, b: u32| self.wedges.few_cells(start + a.min(b) as usize);
+                votes.note_few(first(old.hit_start, new.hit_start), near, turned);
+                votes.note_few(first(old.hit_end, new.hit_end), far, seen);
+                return;
+            }
+        }
+        let span =
+            |from: u32, to: u32| self.wedges.cells(start + from as usize, start + to as usize);
+        votes.note(span(new.hit_start, new.hit_end), Change::Hit);
+        votes.note(span(old.miss_end, new.miss_end), Change::Miss);
+        votes.note(span(old.hit_start, old.hit_end), Change::NoHit);
+        votes.note(span(new.miss_end, old.miss_end), Change::NoMiss);
     }
 }
 
 impl Marks {
-    /// The marks of a reading, found by walking from these.
-    fn walked(self, wedge: &[WedgeCell], says: BeamReading, dr: f64) -> Self {
-        let miss_end = walk_window(wedge, self.miss_end, |rho| says.misses(rho));
-        if says.echo_m.is_nan() {
-            return Self { miss_end, hit_start: miss_end, hit_end: miss_end };
-        }
-        // |rho - r| < dr, split at its two ends; the subtraction is the sensor model's own.
-        let hit_start = walk(wedge, miss_end, |rho| rho - says.echo_m <= -dr);
-        let hit_end = walk_window(wedge, self.hit_end.max(hit_start), |rho| rho - says.echo_m < dr);
+    /// The marks of an echo, looked for near these.
+    #[inline]
+    fn moved_to(self, wedge: &Wedge<'_>, echo_m: f32) -> Self {
+        let miss_end = count_up_to(wedge.miss_from_m, self.miss_end, echo_m);
+        // After a jump the hits end a few cells behind the misses, wherever they ended before.
+        let jumped = miss_end.abs_diff(self.miss_end) > FEW as u32;
+        let guess = if jumped { miss_end + FEW as u32 } else { self.hit_end };
+        let hit_end = count_up_to(wedge.hit_from_m, guess, echo_m);
+        let hit_start = match wedge.hit_until_m {
+            Some(hit_until_m) => count_up_to(hit_until_m, self.hit_start, echo_m),
+            None => miss_end,
+        };
         Self { miss_end, hit_start, hit_end: hit_end.max(hit_start) }
     }
 
-    /// Open interval of the echoes that have these marks, metres.
-    fn interval(self, wedge: &[WedgeCell], dr: f64) -> (f64, f64) {
-        let after = |mark: u32| wedge.get(mark as usize).map_or(f64::INFINITY, |cell| cell.rho_m);
-        let before = |mark: u32| {
-            let cell = wedge.get((mark as usize).wrapping_sub(1));
-            cell.map_or(f64::NEG_INFINITY, |cell| cell.rho_m)
+    /// Interval of the echoes that have these marks, metres: from the first, to before the second.
+    #[inline]
+    fn interval(self, wedge: &Wedge<'_>) -> (f32, f32) {
+        let limits = |limits_m: &[f32], mark: u32| {
+            let low = limits_m.get((mark as usize).wrapping_sub(1)).copied();
+            let high = limits_m.get(mark as usize).copied();
+            (low.unwrap_or(f32::NEG_INFINITY), high.unwrap_or(f32::INFINITY))
         };
-        let low =
-            (before(self.miss_end).max(before(self.hit_start)) + dr).max(before(self.hit_end) - dr);
-        let high =
-            (after(self.miss_end).min(after(self.hit_start)) + dr).min(after(self.hit_end) - dr);
-        (low, high)
+        let (miss, hit) =
+            (limits(wedge.miss_from_m, self.miss_end), limits(wedge.hit_from_m, self.hit_end));
+        let (low, high) = (miss.0.max(hit.0), miss.1.min(hit.1));
+        match wedge.hit_until_m {
+            Some(hit_until_m) => {
+                let until = limits(hit_until_m, self.hit_start);
+                (low.max(until.0), high.min(until.1))
+            }
+            None => (low, high),
+        }
+    }
+
+    /// Whether the hits, if any, begin where the misses end: but for a rounding they do.
+    #[inline]
+    fn touches(self) -> bool {
+        self.miss_end == self.hit_start
     }
 }
 
-/// As [`walk`], for a mark that moves a few cells, either way, at random: counts within a window
-/// without a branch, since a mispredicted one costs more than the window.
+/// How many leading limits are not above `reading_m`, looked for near `guess`.
 #[inline]
-fn walk_window(wedge: &[WedgeCell], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
-    const WINDOW: usize = 4;
-    let Some(last) = wedge.len().checked_sub(WINDOW) else { return walk(wedge, guess, inside) };
-    let first = (guess as usize).saturating_sub(WINDOW / 2).min(last);
-    let Some([a, b, c, d]) = wedge.get(first..first + WINDOW) else { return guess };
-    let count = |cell: &WedgeCell| u32::from(inside(cell.rho_m));
-    let mark = first as u32 + ((count(a) + count(b)) + (count(c) + count(d)));
-    walk(wedge, mark, inside)
-}
-
-/// The number of leading cells for which `inside` holds, searched from a guess near it.
-#[inline]
-fn walk(wedge: &[WedgeCell], guess: u32, inside: impl Fn(f64) -> bool) -> u32 {
-    let mut mark = guess as usize;
-    while let Some(cell) = wedge.get(mark)
-        && inside(cell.rho_m)
-    {
-        mark += 1;
+fn count_up_to(limits_m: &[f32], guess: u32, reading_m: f32) -> u32 {
+    // A mark moves a few cells, either way, at random: counting in a window without a branch is
+    // cheaper than a walk whose end is mispredicted.
+    const WINDOW: usize = 8;
+    let is_up_to = |limit_m: &f32| *limit_m <= reading_m;
+    if let Some(last) = limits_m.len().checked_sub(WINDOW) {
+        let first = (guess as usize).saturating_sub(WINDOW / 2).min(last);
+        if let Some(window) = limits_m.get(first..).and_then(<[f32]>::first_chunk::<WINDOW>) {
+            let count: u32 = window.iter().map(|limit_m| u32::from(is_up_to(limit_m))).sum();
+            let begins = count > 0 || first == 0;
+            let ends = count < WINDOW as u32 || first == last;
+            if begins && ends {
+                return first as u32 + count;
+            }
+        }
     }
-    while let Some(cell) = wedge.get(mark.wrapping_sub(1))
-        && !inside(cell.rho_m)
-    {
-        mark -= 1;
-    }
-    mark as u32
-}
-
-/// Notes the votes of one beam that change from the old marks to the new ones.
-fn note_votes(wedge: &[WedgeCell], old: Marks, new: Marks, votes: &mut Votes) {
-    let span = |from: u32, to: u32| wedge.get(from as usize..to as usize).unwrap_or(&[]);
-    let touching = |marks: Marks| marks.miss_end == marks.hit_start;
-    let overlapping = new.hit_start < old.hit_end && old.hit_start < new.hit_end;
-    if touching(old) && touching(new) && overlapping {
-        // The usual case: the echo moved a little. Nearer cells turn from hit to miss or back.
-        let near = (old.hit_start.min(new.hit_start), old.hit_start.max(new.hit_start));
-        let far = (old.hit_end.min(new.hit_end), old.hit_end.max(new.hit_end));
-        let sign = |grows: bool| if grows { 1_u64 } else { u64::MAX };
-        let turned = MISS.wrapping_sub(HIT).wrapping_mul(sign(new.hit_start > old.hit_start));
-        votes.note(span(near.0, near.1), turned);
-        votes.note(span(far.0, far.1), HIT.wrapping_mul(sign(new.hit_end > old.hit_end)));
-    } else {
-        votes.note(span(new.hit_start, new.hit_end), HIT);
-        votes.note(span(old.miss_end, new.miss_end), MISS);
-        votes.note(span(old.hit_start, old.hit_end), HIT.wrapping_neg());
-        votes.note(span(new.miss_end, old.miss_end), MISS.wrapping_neg());
-    }
+    limits_m.partition_point(is_up_to) as u32
 }
 
 /// The least f32 that is not below `x`.
 fn f32_not_below(x: f64) -> f32 {
     let near = x as f32;
     if f64::from(near) < x { near.next_up() } else { near }
-}
-
-/// The greatest f32 that is below `x`.
-fn f32_below(x: f64) -> f32 {
-    let near = x as f32;
-    if f64::from(near) >= x { near.next_down() } else { near }
 }

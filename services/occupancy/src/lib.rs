@@ -8,7 +8,7 @@
 //! | paper | meaning | incremental | dense |
 //! |---|---|---|---|
 //! | Eq. 6 | what a beam says of a cell | [`sensor_model`], `fuse::Fuser::apply` | `dense::fuse::Laser::paint` |
-//! | 3.3 | hit > miss > unknown over all beams | `votes::Votes::add` | [`dense::Fuser::fuse`] |
+//! | 3.3 | hit > miss > unknown over all beams | `votes::Votes::cast` | [`dense::Fuser::fuse`] |
 //! | Eq. 7 | `S_k`, `K` over the last N_k frames | `cell::Cell::sum`, `known` | `dense::grid::slide_windows` |
 //! | 3.3 | occupancy `o_k = (S_k / N_k + 1) / 2` | [`TemporalGrid::occupancy`] | `dense::grid::classify` |
 //! | Eq. 8 | class, and until when it stays | `prototype::Classifier::judge` | `dense::grid::classify` |
@@ -16,7 +16,7 @@
 //!
 //! | where | what |
 //! |---|---|
-//! | `wedge` | cells of a beam by range, computed once |
+//! | `wedge` | cells of a beam by range, and the readings at which they change, computed once |
 //! | `flip`, `flip_log` | changes of the frames: the only memory of the past |
 //! | `calendar` | which cells are due for a look at their class |
 //! | `engine` | one step a frame, for a number of timescales known when compiled |

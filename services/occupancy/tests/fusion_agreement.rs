@@ -51,6 +51,19 @@ fn any_model(random: &mut Seeded, grid: &GridGeometry) -> LaserModel {
     }
 }
 
+/// Numbers that are exact in binary: an echo can then lie exactly dr from the centre of a cell, where
+/// it is neither a hit nor a miss.
+fn make_round(grid: &mut GridGeometry, models: &mut [LaserModel]) {
+    let round = |value: f64| (value * 16.0).round() / 16.0;
+    grid.cell_m = 0.125;
+    grid.origin_m = grid.origin_m.map(round);
+    for model in models {
+        (model.pose.x_m, model.pose.y_m) = (round(model.pose.x_m), round(model.pose.y_m));
+        model.range_tolerance_m = round(model.range_tolerance_m).max(0.0625);
+        model.geometry.range_max_m = round(model.geometry.range_max_m);
+    }
+}
+
 /// Readings that drift, jump, vanish and break; also exactly at the borders of cells.
 fn next_scan(random: &mut Seeded, model: &LaserModel, grid: &GridGeometry, ranges_m: &mut [f32]) {
     let restless = random.unit();
@@ -82,8 +95,12 @@ struct Scene {
 
 impl Scene {
     fn new(random: &mut Seeded, side_max: u64) -> Self {
-        let grid = any_grid(random, side_max);
-        let models: Vec<_> = (0..1 + random.below(4)).map(|_| any_model(random, &grid)).collect();
+        let mut grid = any_grid(random, side_max);
+        let mut models: Vec<_> =
+            (0..1 + random.below(4)).map(|_| any_model(random, &grid)).collect();
+        if random.chance(0.25) {
+            make_round(&mut grid, &mut models);
+        }
         let ranges_m = models.iter().map(|model| vec![1.0; model.beams]).collect();
         let present = vec![false; models.len()];
         Self { grid, models, ranges_m, present }

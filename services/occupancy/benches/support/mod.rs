@@ -76,6 +76,7 @@ impl Load {
 }
 
 /// Fusion and grid, by changes.
+#[derive(Clone)]
 pub struct Incremental {
     pub fuser: Fuser,
     pub grid: TemporalGrid,
@@ -155,4 +156,12 @@ pub fn cpu_us() -> f64 {
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+/// Memory of this process that is in use, MB.
+pub fn resident_mb() -> f64 {
+    let pages = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let pages: f64 =
+        pages.split(' ').nth(1).and_then(|pages| pages.parse().ok()).unwrap_or(f64::NAN);
+    pages * 4096.0 * 1e-6
 }
