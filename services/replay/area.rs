@@ -132,7 +132,7 @@ impl AreaRun {
     pub fn mostly_dropped(&self) -> Vec<String> {
         let lanes = self.pipeline.lasers.iter().zip(&self.lanes);
         let mostly = lanes.filter_map(|(laser, lane)| {
-            let counts = lane.source.counts();
+            let counts = lane.counts();
             let dropped = counts.dropped_out_of_order + counts.dropped_geometry + counts.refused;
             let (id, passed) = (&laser.id, counts.scans);
             (dropped > passed).then(|| {
