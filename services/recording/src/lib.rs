@@ -21,29 +21,45 @@
 //! | `laser_scan`, `cursor` | bytes of a message to a scan, ROS 1 and CDR |
 //! | `recording` | [`Recording`], the iterator [`Scans`] |
 //! | `index`, `extent` | what is in it; how far the echoes reach |
-//! | `writer` | [`ScanWriter`] |
+//! | `ros2` | the messages that we write: definitions, CDR |
+//! | `mcap_writer`, `writer` | one file while it is written: [`McapWriter`], [`ScanWriter`] |
+//! | `bag_directory`, `bag_metadata` | the files of a session with their `metadata.yaml`; what is kept |
+//! | `recover`, `facts` | a file that was cut; what a complete one holds |
 //!
 //! Left out: `MultiEchoLaserScan`, ROS 2 `.db3`, ROS bags before 1.2, CARMEN and Player logs (each
 //! is named when it is met), and intensities.
 
 mod bag;
+mod bag_directory;
+mod bag_metadata;
 mod bag_v1;
 mod cursor;
 mod error;
 mod extent;
+mod facts;
 mod format;
 mod index;
 mod laser_scan;
 mod mcap_file;
+mod mcap_records;
+mod mcap_writer;
 mod record;
 mod recording;
+mod recover;
+pub mod ros2;
 mod section;
 mod stream;
 mod writer;
 
+pub use bag_directory::{BagDirectory, Kept, RecordedFile, to_remove};
 pub use error::RecordingError;
 pub use extent::{Extent, ExtentError, MARGIN_M, TAIL_SHARE};
+pub use facts::{Attached, attachment, file_facts};
 pub use format::Format;
 pub use index::{GAP_NS, RecordingIndex, TopicSummary};
+pub use mcap_writer::{
+    ACTIVE_SUFFIX, FileFacts, McapWriter, TopicFacts, TopicSpec, WrittenFile, active_path,
+};
 pub use recording::{RecordedScan, Recording, Scans};
-pub use writer::{ScanTopic, ScanWriter, as_recorded};
+pub use recover::{Recovered, recover};
+pub use writer::{ScanTopic, ScanWriter, as_recorded, encode_scan};

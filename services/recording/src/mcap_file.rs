@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Longest record outside of a chunk, and the share of a packed chunk that is held: chunks are a
 /// few MiB (4 MiB is the largest preset of rosbag2), attachments may be some tens.
-const RECORD_BYTES_MAX: usize = 64 << 20;
+pub(crate) const RECORD_BYTES_MAX: usize = 64 << 20;
 
 /// An MCAP file, front to back.
 pub(crate) struct McapReader {
