@@ -40,11 +40,16 @@ pub enum Verb {
     Status(Status),
     /// List or follow the alerts of a site.
     Alerts(Alerts),
+    /// Record, play and recover recordings.
+    Bag(crate::bag::Bag),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.
     #[command(after_help = "Examples:\n  tog schema > site.schema.json")]
     Schema,
+    /// The recorder of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Recorder(Worker),
     /// One laser of a running site (started by `tog run`).
     #[command(hide = true)]
     Laser(Worker),

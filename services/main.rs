@@ -1,5 +1,6 @@
 //! `tog`: one binary, every verb and every service. Reads like a table of contents.
 
+mod bag;
 mod cli;
 mod demo;
 mod learn;
@@ -22,8 +23,10 @@ fn main() -> ExitCode {
         Verb::Run(arguments) => operate::run(&arguments),
         Verb::Status(arguments) => operate::status(&arguments),
         Verb::Alerts(arguments) => alerts_verb(arguments),
+        Verb::Bag(arguments) => bag::run(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
+        Verb::Recorder(worker) => serve("recorder", &worker, recorder::run),
         Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),
         Verb::Fusion(worker) => serve("fusion", &worker, fusion::shell::run),
         Verb::Mapper(worker) => serve("mapper", &worker, mapper::shell::run),

@@ -186,7 +186,7 @@ pub fn schema() -> ExitCode {
 }
 
 /// Writes to stdout and ends with `code`. A reader that goes away (`| head`) is no error.
-fn write_out(text: &str, code: u8) -> ExitCode {
+pub fn write_out(text: &str, code: u8) -> ExitCode {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {

@@ -10,7 +10,7 @@
 //! | `output.rs` | grid.json, events.jsonl, pictures |
 
 mod area;
-mod layout;
+pub mod layout;
 mod output;
 
 use crate::cli::{PresetName, Replay};
