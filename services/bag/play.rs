@@ -30,11 +30,12 @@ Examples:
   tog bag play walk/walk_0.mcap
   tog bag play night.bag --site building.toml --rate 10
 
-Without --site: the site that is attached to a recording of ours; else an area is laid round the scans of each
-laser. In another terminal `tog status` and `tog alerts watch` take the site file that is named at the start.
-For results in files, and as fast as it goes: tog replay.
+Without --site: the site that is attached to a recording of ours; else an area is laid round the
+scans of each laser. In another terminal `tog status` and `tog alerts watch` take the site file that
+is named at the start. For results in files, and as fast as it goes: tog replay.
 
-Exit code 0: played to the end, or ended by Ctrl-C or --seconds. 78: the site file is wrong. 1: refused.")]
+Exit code 0: played to the end, or ended by Ctrl-C or --seconds. 78: the site file is wrong. 1:
+refused.")]
 /// Arguments of `tog bag play`.
 pub struct Play {
     /// The recording, or the directory of a bag of one file.
@@ -70,8 +71,8 @@ enum PlayError {
     #[error("{} holds {files} recordings, expected one: name the file", path.display())]
     NotOne { path: PathBuf, files: usize },
     #[error(
-        "no scans of laser `{laser}` in {}; topics with scans: {topics}. Write the right one into the \
-         site file: source = {{ kind = \"replay\", recording = .., topic = .. }}",
+        "no scans of laser `{laser}` in {}; topics with scans: {topics}. Write the right one into \
+         the site file: source = {{ kind = \"replay\", recording = .., topic = .. }}",
         path.display()
     )]
     NoTopic { laser: String, path: PathBuf, topics: String },

@@ -17,12 +17,13 @@ Examples:
   tog bag record deploy/foyer.toml --out walk --seconds 60
   tog bag record deploy/foyer.toml --out scans --topics scans
 
-Ends by Ctrl-C, after --seconds, or with the site. DIR is a ROS 2 bag (MCAP and metadata.yaml): `ros2 bag
-play`, Foxglove and rosbags open it, and `tog replay DIR/DIR_0.mcap` computes its maps again. The site goes
-on as it is: it has room for one more reader, and nobody waits for it. To record always, write a
-section [recorder] into the site file.
+Ends by Ctrl-C, after --seconds, or with the site. DIR is a ROS 2 bag (MCAP and metadata.yaml):
+`ros2 bag play`, Foxglove and rosbags open it, and `tog replay DIR/DIR_0.mcap` computes its maps
+again. The site goes on as it is: it has room for one more reader, and nobody waits for it. To
+record always, write a section [recorder] into the site file.
 
-Exit code 0: recorded. 1: the site does not run, or the disk is full; what came before is complete.")]
+Exit code 0: recorded. 1: the site does not run, or the disk is full; what came
+before is complete.")]
 /// Arguments of `tog bag record`.
 pub struct Record {
     /// The site file of the running site.
@@ -37,7 +38,8 @@ pub struct Record {
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = Topics::ALL)]
     pub topics: Vec<Topics>,
     /// Begin another file at this size, megabytes.
-    #[arg(long, value_name = "MB", default_value_t = 512, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "MB", default_value_t = 512)]
+    #[arg(value_parser = clap::value_parser!(u32).range(1..))]
     pub split_mb: u32,
     /// Output.
     #[arg(long, value_enum, default_value_t)]

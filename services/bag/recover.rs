@@ -16,9 +16,10 @@ Examples:
   tog bag recover walk_0.mcap.active
   tog bag recover robot.mcap --out whole.mcap
 
-Takes any MCAP file, whoever wrote it. Everything up to the last whole chunk is saved (of ours: up to the last
-whole second); a chunk whose checksum is wrong is left out. The new file is read back before it gets its
-name: x.mcap for x.mcap.active, x.recovered.mcap for x.mcap, unless --out says. The original stays.
+Takes any MCAP file, whoever wrote it. Everything up to the last whole chunk is saved (of ours: up
+to the last whole second); a chunk whose checksum is wrong is left out. The new file is read back
+before it gets its name: x.mcap for x.mcap.active, x.recovered.mcap for x.mcap, unless --out says.
+The original stays.
 A running recorder needs no hand: what it finds of a killed one, it recovers when it starts.
 
 Exit code 0: saved, or nothing was missing. 1: a file could not be saved.")]

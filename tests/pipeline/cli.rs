@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 10] = [
+const VERBS: [&[&str]; 13] = [
     &[],
     &["demo"],
     &["replay"],
@@ -15,6 +15,9 @@ const VERBS: [&[&str]; 10] = [
     &["check"],
     &["learn"],
     &["schema"],
+    &["bag", "record"],
+    &["bag", "play"],
+    &["bag", "recover"],
 ];
 
 fn deploy() -> PathBuf {

@@ -6,6 +6,7 @@
 //! | `oracle` | a program that shares no code with us agrees on every number |
 //! | `bad_recordings`, `bad_sites` | words and an exit code, or a drop that is counted and told |
 //! | `cli` | every verb explains itself |
+//! | `recordings` | what is recorded, recovered, and read by other people's programs |
 //! | `golden` | a made recording as a picture in letters, to be read by people |
 //! | `demo` | `tog demo` alarms, ends, and leaves nothing |
 //! | `support` | runs the binary under a watchdog; reads what it wrote |
@@ -18,5 +19,6 @@ mod demo;
 mod golden;
 mod made;
 mod oracle;
+mod recordings;
 mod same_numbers;
 mod support;

@@ -6,6 +6,7 @@
 //! | `kills` | SIGKILL: each service in turn, and anybody at any moment |
 //! | `hang` | processes that do not answer |
 //! | `events`, `feed` | who tells is killed while there is something to tell |
+//! | `recorder` | a recorder that is killed, or has no room |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
 //!
 //! `TOG_NIGHTLY=1` runs the long variants (400 kills: five minutes), `TOG_SEED=n` other moments. The full
@@ -18,6 +19,7 @@ mod feed;
 mod hang;
 mod kills;
 mod life;
+mod recorder;
 
 /// Two lasers of a small room, one area, everything else as it is by default.
 pub const ROOM: &str = r#"
