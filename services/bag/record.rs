@@ -11,6 +11,9 @@ use recorder::{AttachedOptions, Progress, record_attached};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+/// A bag of a person is split by size only: a week is longer than anybody records by hand.
+const SPLIT_S: f64 = 604_800.0;
+
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -82,7 +85,10 @@ pub fn run(arguments: &Record) -> ExitCode {
         settings: Recorder {
             topics: arguments.topics.iter().map(|topics| topics.recorded()).collect(),
             split_mb: f64::from(arguments.split_mb),
-            ..configured
+            split_s: SPLIT_S,
+            maps_period_s: configured.maps_period_s,
+            classes_period_s: configured.classes_period_s,
+            ..Recorder::default()
         },
         seconds: arguments.seconds.map(|seconds| seconds as f64),
     };

@@ -116,8 +116,10 @@ fn a_recorder_that_is_killed_loses_no_closed_second_and_the_next_one_recovers_it
         assert!(end < begin);
         // Nothing is missing but what came between the last closed second and the new recorder.
         let missing = all.iter().filter(|stamp| !first.contains(stamp) && !second.contains(stamp));
-        let missing: Vec<u64> =
-            missing.copied().filter(|stamp| *stamp > first[0] && *stamp < second[second.len() - 1]).collect();
+        let missing: Vec<u64> = missing
+            .copied()
+            .filter(|stamp| *stamp > first[0] && *stamp < second[second.len() - 1])
+            .collect();
         assert!(missing.iter().all(|stamp| (end..begin).contains(stamp)), "{missing:?}");
         println!("{topic}: {} scans lost by the kill", missing.len());
     }
