@@ -99,10 +99,11 @@ fn a_real_recording_recorded_again_gives_the_same_classes() {
     round_trip(&recording, &same_numbers::two_lasers(&recording), &topics);
 }
 
-/// Two lasers in one corner; the right one is silent from second 8 to second 14.
+/// Two lasers in one corner; the right one is silent from second 22 to second 27, which is an event: a
+/// site is 20 seconds old before a silence is one.
 fn with_a_silence(path: &Path) -> String {
-    let scans = (0..250).flat_map(|number| {
-        let silent = (80..140).contains(&number);
+    let scans = (0..320).flat_map(|number| {
+        let silent = (220..270).contains(&number);
         let left = Some((0, made::corner(number)));
         let right = LaserScan {
             stamp_ns: made::corner(number).stamp_ns + 1000,

@@ -231,7 +231,7 @@ fn a_recording_is_played_as_the_site_that_is_attached_to_it() {
     let mut played = Running::start(command);
     assert_eq!(played.wait().code(), Some(0), "{}", played.log.text());
     let log = played.log.text();
-    for words in ["attached to the recording", "laser south", "laser north", "anomaly room"] {
+    for words in ["attached to the recording", "laser south", "laser north", "recording is over"] {
         assert!(log.contains(words), "{words}:\n{log}");
     }
     let left = fs::read_dir(&scratch.0).unwrap().filter(|entry| {
