@@ -1,8 +1,9 @@
-//! `tog bag play`: a site made round a recording, every service a process of its own, in step with time.
+//! `tog bag play`: a site made round a recording, every service a process of its own, in step with
+//! time.
 //!
-//! The site is the first of: the one of `--site`; the one that our recorder put into the recording; one that is
-//! laid round the scans. Its lasers replay the recording, whatever their source is otherwise; nothing
-//! that it learns is kept.
+//! The site is the first of: the one of `--site`; the one that our recorder put into the
+//! recording; one that is laid round the scans. Its lasers replay the recording, whatever their
+//! source is otherwise; nothing that it learns is kept.
 
 use crate::replay::layout;
 use crate::{fail, site_file};
@@ -200,8 +201,8 @@ fn played(site: Site, path: &Path, topics: &[String], rate: f64) -> Result<Site,
     Ok(Site { name: name + PLAYED, state_dir: "state".to_owned(), recorder: None, lasers, ..site })
 }
 
-/// The topic of a laser: what its site file says, what our recorder calls it, what it is called itself, or the
-/// only one.
+/// The topic of a laser: what its site file says, what our recorder calls it, what it is called
+/// itself, or the only one.
 fn topic_of(laser: &Laser, own: &str, topics: &[String], only: bool) -> Option<String> {
     let named = match &laser.source {
         Source::Replay { topic, .. } => topic.clone(),

@@ -134,7 +134,8 @@ fn report(arguments: &Record, progress: &Progress) -> ExitCode {
     }
 }
 
-/// A bar over the seconds that are asked for; a clock if it goes on until Ctrl-C. On a terminal only.
+/// A bar over the seconds that are asked for; a clock if it goes on until Ctrl-C. On a terminal
+/// only.
 fn progress_bar(seconds: Option<u64>) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(seconds, ProgressDrawTarget::stderr());
     let template = if seconds.is_some() {

@@ -1,6 +1,6 @@
-//! What is recorded is what was there: the scans of a lossless replay bit by bit, so that a replay of the
-//! recording gives the same numbers; and everything in it is read by other people's programs, which know
-//! nothing of us (`tests/independent/recordings.py`).
+//! What is recorded is what was there: the scans of a lossless replay bit by bit, so that a replay
+//! of the recording gives the same numbers; and everything in it is read by other people's
+//! programs, which know nothing of us (`tests/independent/recordings.py`).
 
 use super::oracle::has_python;
 use super::support::{Npy, scratch, shared, tog, watched};
@@ -99,8 +99,8 @@ fn a_real_recording_recorded_again_gives_the_same_classes() {
     round_trip(&recording, &same_numbers::two_lasers(&recording), &topics);
 }
 
-/// Two lasers in one corner; the right one is silent from second 22 to second 27, which is an event: a
-/// site is 20 seconds old before a silence is one.
+/// Two lasers in one corner; the right one is silent from second 22 to second 27, which is an
+/// event: a site is 20 seconds old before a silence is one.
 fn with_a_silence(path: &Path) -> String {
     let scans = (0..320).flat_map(|number| {
         let silent = (220..270).contains(&number);

@@ -1,5 +1,5 @@
-//! The recorder: killed, out of room, beside others. What it wrote is compared by stamp with what another
-//! recorder, `tog bag record`, wrote of the same site.
+//! The recorder: killed, out of room, beside others. What it wrote is compared by stamp with what
+//! another recorder, `tog bag record`, wrote of the same site.
 
 use super::ROOM;
 use super::disk::Disk;

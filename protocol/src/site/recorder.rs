@@ -3,15 +3,17 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Smallest and largest `split_mb`: a file of less is mostly index, one of more takes minutes to recover.
+/// Smallest and largest `split_mb`: a file of less is mostly index, one of more takes minutes to
+/// recover.
 const SPLIT_MB_MAX: f64 = 100_000.0;
 
-/// Records what the site sees and says, as ROS 2 MCAP files. Without this section nothing is recorded.
+/// Records what the site sees and says, as ROS 2 MCAP files. Without this section nothing is
+/// recorded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Recorder {
-    /// Directory of the recordings; one of each run of the recorder is made in it. Relative to the site
-    /// file.
+    /// Directory of the recordings; one of each run of the recorder is made in it. Relative to the
+    /// site file.
     #[schemars(length(min = 1, max = 1024))]
     pub dir: String,
     /// What is recorded.

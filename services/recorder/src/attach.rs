@@ -1,10 +1,10 @@
 //! What lies at the begin of every file: the site file, the calibration, and who recorded when.
 //!
-//! The site file is written anew from what was read: comments are not in it. **Secrets are replaced** by
-//! the text `removed`: every text under a key that has `secret`, `password`, `passwd`, `token`,
-//! `credential`, `api_key` or `private` in its name, and name and password in an address
-//! (`https://me:word@host`). Names of files stay (`state_dir`, scenes, recordings): what is in them
-//! does not travel.
+//! The site file is written anew from what was read: comments are not in it. **Secrets are
+//! replaced** by the text `removed`: every text under a key that has `secret`, `password`,
+//! `passwd`, `token`, `credential`, `api_key` or `private` in its name, and name and password in
+//! an address (`https://me:word@host`). Names of files stay (`state_dir`, scenes, recordings):
+//! what is in them does not travel.
 
 use crate::catalogue::Catalogue;
 use process::Clock;

@@ -1,5 +1,5 @@
-//! `tog bag record`: a recorder beside a running site, started by a person. The site's shared memory has room
-//! for one more reader of everything; nobody waits for it.
+//! `tog bag record`: a recorder beside a running site, started by a person. The site's shared
+//! memory has room for one more reader of everything; nobody waits for it.
 
 use crate::core::{Counts, Recorder};
 use crate::service::{head, limits};
@@ -62,8 +62,8 @@ pub enum AttachError {
     Io(#[from] io::Error),
 }
 
-/// Records until the time is over, a signal comes, the recordings of the site end, or the site stops.
-/// `progress` is told how it goes, four times a second.
+/// Records until the time is over, a signal comes, the recordings of the site end, or the site
+/// stops. `progress` is told how it goes, four times a second.
 ///
 /// # Errors
 /// See [`AttachError`]. What was written before is complete.

@@ -56,8 +56,8 @@ pub struct EventTopics {
     pub zones: usize,
 }
 
-/// Value of a class in the class map: evenly from 0 to 100, so that they are told apart in any viewer and
-/// read back exactly.
+/// Value of a class in the class map: evenly from 0 to 100, so that they are told apart in any
+/// viewer and read back exactly.
 #[must_use]
 pub fn class_value(class: usize, classes: usize) -> u8 {
     let steps = classes.saturating_sub(1).max(1);
@@ -148,7 +148,8 @@ impl Topics {
 struct Names(BTreeSet<String>);
 
 impl Names {
-    /// The name, or with a number behind it if it is taken: `a-b` and `a_b` are two ids, but one name.
+    /// The name, or with a number behind it if it is taken: `a-b` and `a_b` are two ids, but one
+    /// name.
     fn unique(&mut self, name: String) -> String {
         let numbered = (2..).map(|number| format!("{name}_{number}"));
         let mut candidates = std::iter::once(name.clone()).chain(numbered);

@@ -1,5 +1,5 @@
-//! From shared memory to the tape: takes every message that is recorded, makes one of ROS of it, and hands
-//! it on.
+//! From shared memory to the tape: takes every message that is recorded, makes one of ROS of it,
+//! and hands it on.
 
 use crate::catalogue::{AreaTopics, Catalogue};
 use crate::maps::MapMaker;

@@ -1,8 +1,8 @@
 //! The recorder: what a site sees and says, as files that every ROS tool opens.
 //!
-//! A reader of the shared memory like any other, in a process of its own: it can be killed, its disk can
-//! be full, and nobody else notices. What it writes is a ROS 2 bag: MCAP, profile `ros2`, every message
-//! in CDR, `metadata.yaml` beside it.
+//! A reader of the shared memory like any other, in a process of its own: it can be killed, its
+//! disk can be full, and nobody else notices. What it writes is a ROS 2 bag: MCAP, profile `ros2`,
+//! every message in CDR, `metadata.yaml` beside it.
 //!
 //! | topic | type | what, how often |
 //! |---|---|---|
@@ -21,13 +21,16 @@
 //! `calibration.json`; the metadata record `tog.session` says who recorded when.
 //!
 //! Invariants
-//! - Whole seconds: every second the chunk is closed and given to the system. `kill -9` loses one at most.
-//! - A file with its final name is complete and on the disk. What a killed recorder left is recovered by the
-//!   next one, in a thread beside the recording, and read back before the remains are deleted.
+//! - Whole seconds: every second the chunk is closed and given to the system. `kill -9` loses one
+//!   at most.
+//! - A file with its final name is complete and on the disk. What a killed recorder left is
+//!   recovered by the next one, in a thread beside the recording, and read back before the remains
+//!   are deleted.
 //! - Every file stands alone: it begins with the last message of every latched topic.
-//! - A full disk stops nothing but the recording: it is counted, told in health, and a new file begins
-//!   when there is room.
-//! - No disk is waited for while messages come: files are put on the disk by the thread of [`shelf`].
+//! - A full disk stops nothing but the recording: it is counted, told in health, and a new file
+//!   begins when there is room.
+//! - No disk is waited for while messages come: files are put on the disk by the thread of
+//!   [`shelf`].
 //!
 //! | where | what |
 //! |---|---|
@@ -39,8 +42,8 @@
 //! | [`core`] | from shared memory to the tape |
 //! | [`service`], [`attached`] | `tog recorder`, started by `tog run`; `tog bag record`, beside it |
 //!
-//! Left out: frames (they follow from the scans), health, and power loss: a flush gives the data to the
-//! kernel, the kernel to the disk within half a minute.
+//! Left out: frames (they follow from the scans), health, and power loss: a flush gives the data
+//! to the kernel, the kernel to the disk within half a minute.
 
 pub mod attach;
 pub mod attached;

@@ -55,8 +55,8 @@ impl MapMaker {
         self.occupancy_grid(stamp, buffer)
     }
 
-    /// A class of a collapsed map: percent of the frames that were counted, rounded; -1 where none was.
-    /// `counts` is [class, row, column].
+    /// A class of a collapsed map: percent of the frames that were counted, rounded; -1 where none
+    /// was. `counts` is [class, row, column].
     ///
     /// # Errors
     /// None that is known: see [`ros2::encode`].
@@ -93,8 +93,8 @@ impl MapMaker {
         ros2::encode(&message, 128 + self.cells.len(), buffer)
     }
 
-    /// A collapsed map, exact: in each cell one f64 a class, which holds whole numbers up to 2^53 exactly,
-    /// millions of years of frames. `counts` is [class, row, column].
+    /// A collapsed map, exact: in each cell one f64 a class, which holds whole numbers up to 2^53
+    /// exactly, millions of years of frames. `counts` is [class, row, column].
     ///
     /// # Errors
     /// None that is known: see [`ros2::encode`].

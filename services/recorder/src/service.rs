@@ -18,8 +18,8 @@ const DAY_S: f64 = 86_400.0;
 /// Runs the recorder until it is asked to stop.
 ///
 /// # Errors
-/// If the site file has no `[recorder]`, or shared memory breaks. A disk that is full or cannot be written is
-/// none: see [`crate::tape`].
+/// If the site file has no `[recorder]`, or shared memory breaks. A disk that is full or cannot be
+/// written is none: see [`crate::tape`].
 pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let settings = worker.site.recorder.clone();
     let settings =

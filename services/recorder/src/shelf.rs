@@ -1,5 +1,5 @@
-//! Everything that waits for a disk, in a thread of its own: files get their names, remains of killed
-//! recorders are recovered, old files go.
+//! Everything that waits for a disk, in a thread of its own: files get their names, remains of
+//! killed recorders are recovered, old files go.
 //!
 //! Only files are touched whose names say that a recorder of this site made them:
 //! `<dir>/<site>_<begin>/<site>_<begin>_<n>.mcap[.active]`. One that is locked is being written by
@@ -62,8 +62,8 @@ pub struct Shelf {
 }
 
 impl Shelf {
-    /// Starts it. With a scope it begins with recovering what was left there; without one it looks after
-    /// nothing but the files that it is given.
+    /// Starts it. With a scope it begins with recovering what was left there; without one it looks
+    /// after nothing but the files that it is given.
     ///
     /// # Errors
     /// If the system gives no thread.
@@ -87,7 +87,8 @@ impl Shelf {
     /// Asks for something.
     pub fn order(&self, order: Order) {
         if let Some(orders) = &self.orders {
-            // A thread that panicked is told of at the end; its files stay `.active`, and are recovered.
+            // A thread that panicked is told of at the end; its files stay `.active`, and are
+            // recovered.
             let _ = orders.send(order);
         }
     }
@@ -134,7 +135,6 @@ impl Keeper {
 
     fn store(&mut self, written: WrittenFile) {
         let directory = written.path().parent().unwrap_or(Path::new(".")).to_owned();
-        // The bag is looked into before the file has its name, so that it is not counted twice.
         let stored = written.store().and_then(|facts| self.bag(&directory)?.add(facts));
         match stored {
             Ok(()) => self.tell(Outcome::Stored),

@@ -9,7 +9,8 @@ use recording::ros2::{
 };
 use std::collections::BTreeMap;
 
-/// Most events that are open at once; the oldest is forgotten first. A desk has lost its way long before.
+/// Most events that are open at once; the oldest is forgotten first. A desk has lost its way long
+/// before.
 const OPEN_MAX: usize = 256;
 /// Most origins whose changes are told apart: areas and the host.
 const ORIGINS_MAX: usize = protocol::site::AREAS_MAX + 1;
@@ -44,7 +45,8 @@ impl Events {
         true
     }
 
-    /// A change as a line of a log. Raised events warn, the rest informs; a fault that is raised is an error.
+    /// A change as a line of a log. Raised events warn, the rest informs; a fault that is raised
+    /// is an error.
     ///
     /// # Errors
     /// See [`ros2::encode`].
@@ -73,7 +75,8 @@ impl Events {
         ros2::encode(&message, 256 + change.text.len(), buffer)
     }
 
-    /// All open events after a change, and the end of one that it clears: every message stands alone.
+    /// All open events after a change, and the end of one that it clears: every message stands
+    /// alone.
     ///
     /// # Errors
     /// See [`ros2::encode`].
@@ -147,8 +150,8 @@ fn event_markers<'a>(change: &EventChange, words: &'a str, stamp: Time) -> [Mark
     [cube, text]
 }
 
-/// A number for an id, the same in all changes of an event: FNV-1a, as a positive i32. Two open events of
-/// the same number would hide one another; 256 of them do so once in 65 000 times.
+/// A number for an id, the same in all changes of an event: FNV-1a, as a positive i32. Two open
+/// events of the same number would hide one another; 256 of them do so once in 65 000 times.
 fn marker_id(id: &str) -> i32 {
     let hash = id
         .bytes()

@@ -1,8 +1,8 @@
 //! Where messages go: files, one after the other, each of whole seconds.
 //!
-//! Time is an argument: `mono_ns` is CLOCK_MONOTONIC, `now_ns` the host's time of the day. A failed write
-//! is the end of its file, never of the tape: the messages are counted as dropped, and a new file is
-//! tried every [`RETRY_NS`].
+//! Time is an argument: `mono_ns` is CLOCK_MONOTONIC, `now_ns` the host's time of the day. A
+//! failed write is the end of its file, never of the tape: the messages are counted as dropped,
+//! and a new file is tried every [`RETRY_NS`].
 
 use crate::attach::{Attachment, SESSION};
 use crate::shelf::{Order, Outcome, Shelf};
@@ -139,8 +139,8 @@ impl Tape {
         self.unshelved.as_deref()
     }
 
-    /// Appends a message to a topic of the head. Of a latched topic the message is kept, and every later
-    /// file begins with it.
+    /// Appends a message to a topic of the head. Of a latched topic the message is kept, and every
+    /// later file begins with it.
     pub fn write(&mut self, topic: usize, stamps: Stamps, bytes: &[u8], mono_ns: u64) {
         if self.head.topics.get(topic).is_some_and(|topic| topic.is_latched) {
             let (publish_ns, kept) = self.latched.entry(topic).or_default();
@@ -185,8 +185,8 @@ impl Tape {
         }
     }
 
-    /// Does what is due: closes the second, the file, tries again. `now_ns` is the log time of the messages
-    /// that a new file begins with.
+    /// Does what is due: closes the second, the file, tries again. `now_ns` is the log time of the
+    /// messages that a new file begins with.
     pub fn tick(&mut self, now_ns: u64, mono_ns: u64) {
         self.note_outcomes();
         if self.open.is_none() && self.retry_mono_ns.is_some_and(|retry| retry <= mono_ns) {

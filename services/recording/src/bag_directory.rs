@@ -1,5 +1,5 @@
-//! The files of one session, as rosbag2 lays them out: `<name>/<name>_<n>.mcap` and a `metadata.yaml`
-//! that is written anew whenever a file is complete; and which files are kept.
+//! The files of one session, as rosbag2 lays them out: `<name>/<name>_<n>.mcap` and a
+//! `metadata.yaml` that is written anew whenever a file is complete; and which files are kept.
 
 use crate::bag_metadata::metadata_yaml;
 use crate::error::RecordingError;
@@ -21,8 +21,8 @@ pub struct BagDirectory {
 }
 
 impl BagDirectory {
-    /// Makes the directory, or opens it and looks at the complete files in it. A file that has its final
-    /// name but cannot be read is passed over: it is not ours.
+    /// Makes the directory, or opens it and looks at the complete files in it. A file that has its
+    /// final name but cannot be read is passed over: it is not ours.
     ///
     /// # Errors
     /// [`RecordingError::Io`].
@@ -161,8 +161,8 @@ pub struct RecordedFile {
     pub last_ns: u64,
 }
 
-/// Which of the files have to go, the oldest first, so that `kept` holds at `now_ns`. `open_bytes` are
-/// those of the file that is being written: they count, but it stays.
+/// Which of the files have to go, the oldest first, so that `kept` holds at `now_ns`. `open_bytes`
+/// are those of the file that is being written: they count, but it stays.
 #[must_use]
 pub fn to_remove(
     mut files: Vec<RecordedFile>,

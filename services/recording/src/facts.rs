@@ -1,5 +1,5 @@
-//! What a complete MCAP file says of itself: its index at the end, the attachments at its begin. Reads
-//! these and nothing between.
+//! What a complete MCAP file says of itself: its index at the end, the attachments at its begin.
+//! Reads these and nothing between.
 
 use crate::cursor::Cursor;
 use crate::error::RecordingError;
@@ -152,8 +152,8 @@ pub struct Attached {
     pub bytes: Vec<u8>,
 }
 
-/// The attachment of this name at the begin of an MCAP file, where recorders put their site file; `None`
-/// if there is none, or if the file is of another kind.
+/// The attachment of this name at the begin of an MCAP file, where recorders put their site file;
+/// `None` if there is none, or if the file is of another kind.
 ///
 /// # Errors
 /// [`RecordingError::Io`].

@@ -1,7 +1,7 @@
 //! Records of an MCAP file as they lie in it, one behind the other: opcode, length, body.
 //!
-//! For what needs more than the scans, front to back: recovery, and the index at the end. Chunks are
-//! unpacked by the crate `mcap`, and only after their checksum was found right.
+//! For what needs more than the scans, front to back: recovery, and the index at the end. Chunks
+//! are unpacked by the crate `mcap`, and only after their checksum was found right.
 
 use crate::mcap_file::{RECORD_BYTES_MAX, words};
 use crate::section::Section;
@@ -70,8 +70,8 @@ pub(crate) fn body(file: &Arc<File>, place: Place, body: &mut Vec<u8>) -> Result
         .map_err(|error| error.to_string())
 }
 
-/// Unpacks a chunk and hands out its records; none of them if its checksum is wrong (a chunk without one
-/// is handed out as far as it can be unpacked).
+/// Unpacks a chunk and hands out its records; none of them if its checksum is wrong (a chunk
+/// without one is handed out as far as it can be unpacked).
 pub(crate) fn unpack(
     file: &Arc<File>,
     chunk: Place,

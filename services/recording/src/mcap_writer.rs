@@ -1,11 +1,12 @@
 //! One MCAP file while it is written. The writer of everything that tog records.
 //!
 //! Chunks of 768 KiB, zstd, all indexes and checksums, on the thread of the caller. The file is
-//! called `<name>.active` until it is on the disk: what has its final name is complete. While it is
-//! written it is locked (`flock`), so that whoever looks for left-overs can tell the living from the dead.
+//! called `<name>.active` until it is on the disk: what has its final name is complete. While it
+//! is written it is locked (`flock`), so that whoever looks for left-overs can tell the living
+//! from the dead.
 //!
-//! Nothing is flushed by itself: [`McapWriter::flush`] closes the chunk and gives it to the system, and
-//! whoever calls it every second loses a second at most when the process is killed.
+//! Nothing is flushed by itself: [`McapWriter::flush`] closes the chunk and gives it to the
+//! system, and whoever calls it every second loses a second at most when the process is killed.
 
 use crate::error::RecordingError;
 use crate::mcap_file::words;
@@ -268,8 +269,8 @@ impl McapWriter {
         Ok(self.channels.len() - 1)
     }
 
-    /// Appends a message. `log_time_ns` is when it was received, `publish_time_ns` when it was made,
-    /// UNIX nanoseconds; `bytes` as [`crate::ros2::encode`] makes them.
+    /// Appends a message. `log_time_ns` is when it was received, `publish_time_ns` when it was
+    /// made, UNIX nanoseconds; `bytes` as [`crate::ros2::encode`] makes them.
     ///
     /// # Errors
     /// [`RecordingError::Write`]: an unknown topic or a full disk. After that the writer is of no
@@ -336,8 +337,8 @@ impl McapWriter {
             .map_err(|error| write_error(&self.active_path, &error))
     }
 
-    /// Closes the chunk and gives everything to the system: what was written before survives a kill of
-    /// this process.
+    /// Closes the chunk and gives everything to the system: what was written before survives a
+    /// kill of this process.
     ///
     /// # Errors
     /// [`RecordingError::Write`], as a full disk.

@@ -1,9 +1,10 @@
-//! A complete recording out of one that was cut: everything up to the last whole chunk, with an index.
+//! A complete recording out of one that was cut: everything up to the last whole chunk, with an
+//! index.
 //!
-//! For any MCAP file, whoever wrote it: schemas, channels, messages, attachments and metadata keep their
-//! numbers and their bytes. A chunk whose checksum is wrong is left out, and reading goes on behind it.
-//! The result is read back, from its index and from front to back, before it gets its name; the
-//! original is not touched.
+//! For any MCAP file, whoever wrote it: schemas, channels, messages, attachments and metadata keep
+//! their numbers and their bytes. A chunk whose checksum is wrong is left out, and reading goes on
+//! behind it. The result is read back, from its index and from front to back, before it gets its
+//! name; the original is not touched.
 
 use crate::cursor::Cursor;
 use crate::error::RecordingError;
@@ -37,12 +38,12 @@ pub struct Recovered {
     pub first_damage: Option<String>,
 }
 
-/// Writes what can be saved of the MCAP file `from` to `to`, which is replaced. `progress` is told how
-/// many bytes of how many were read.
+/// Writes what can be saved of the MCAP file `from` to `to`, which is replaced. `progress` is told
+/// how many bytes of how many were read.
 ///
 /// # Errors
-/// [`RecordingError::Io`] (it cannot be read, somebody writes it, the disk is full), `Foreign` (no MCAP),
-/// or `Write`. Then there is no new file, and `from` is what it was.
+/// [`RecordingError::Io`] (it cannot be read, somebody writes it, the disk is full), `Foreign` (no
+/// MCAP), or `Write`. Then there is no new file, and `from` is what it was.
 pub fn recover(
     from: &Path,
     to: &Path,

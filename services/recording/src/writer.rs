@@ -1,7 +1,7 @@
 //! Writes scans as a ROS 2 recording: MCAP, profile `ros2`, CDR, `sensor_msgs/msg/LaserScan`.
 //!
-//! One encoding a file, so that every ROS tool opens it. A chunk is closed every second of log time, so
-//! that a crash loses a second at most. The container is that of [`crate::McapWriter`].
+//! One encoding a file, so that every ROS tool opens it. A chunk is closed every second of log
+//! time, so that a crash loses a second at most. The container is that of [`crate::McapWriter`].
 //!
 //! A recording has f32 geometry and no device clock: see [`as_recorded`].
 

@@ -34,8 +34,8 @@ fn scan(number: u64) -> LaserScan {
     }
 }
 
-/// Twenty seconds of two lasers with a chunk a second, an attachment and metadata. Behind how many bytes
-/// how many messages are safe.
+/// Twenty seconds of two lasers with a chunk a second, an attachment and metadata. Behind how many
+/// bytes how many messages are safe.
 fn recorded(path: &Path) -> Vec<(u64, u64)> {
     let mut writer = McapWriter::create(path).unwrap();
     writer.attach("site.toml", "application/toml", START_NS, b"name = \"x\"").unwrap();
@@ -187,7 +187,8 @@ mod any_bytes {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
 
-        /// Bytes changed, cut out and put in anywhere: an error in words or a file that can be read back.
+        /// Bytes changed, cut out and put in anywhere: an error in words or a file that can be
+        /// read back.
         #[test]
         fn are_taken(edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..20),
             cut in any::<prop::sample::Index>()) {
