@@ -256,7 +256,8 @@ mod tests {
         let topics = ["/robot/scan".to_owned()];
         let played_one = played(site(&laser("l")), Path::new("/x.mcap"), &topics, 1.0).unwrap();
         assert!(matches!(&played_one.lasers[0].source,
-            Source::Replay { topic: Some(topic), pace: Pace::RealTime, .. } if topic == "/robot/scan"));
+            Source::Replay { topic: Some(topic), pace: Pace::RealTime, .. }
+                if topic == "/robot/scan"));
         let two = site(&(laser("l") + &laser("m")));
         let error = played(two, Path::new("/x.mcap"), &topics, 1.0).unwrap_err().to_string();
         assert!(error.contains("laser `l`") && error.contains("/robot/scan"), "{error}");

@@ -25,8 +25,8 @@ Ends by Ctrl-C, after --seconds, or with the site. DIR is a ROS 2 bag (MCAP and 
 again. The site goes on as it is: it has room for one more reader, and nobody waits for it. To
 record always, write a section [recorder] into the site file.
 
-Exit code 0: recorded. 1: the site does not run, or the disk is full; what came
-before is complete.")]
+Exit code 0: recorded. 1: the site does not run, or the disk is full: what came
+before is kept, see tog bag recover.")]
 /// Arguments of `tog bag record`.
 pub struct Record {
     /// The site file of the running site.

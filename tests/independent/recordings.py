@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Reads a recording of ours with the programs of others, and writes one of theirs for us.
 
-    recordings.py decode BAG EXPECTED.json    every message of every channel, by `rosbags` and by
-                                              `mcap-ros2-support`: the same to the last bit, and the
-                                              numbers that they should be
-    recordings.py make OUT                    a bag of LaserScans, written by `rosbags`
+    recordings.py decode BAG EXPECTED.json
+        every message of every channel, by `rosbags` and by `mcap-ros2-support`: the same to the
+        last bit, and the numbers that they should be
+    recordings.py make OUT
+        a bag of LaserScans, written by `rosbags`
 
 EXPECTED.json says where the scans came from, where the results of `tog replay` lie, and how the site is.
 Exit code 0 if all is right; else the first thing that is not.
@@ -170,7 +171,8 @@ def check_class_maps(found, notes, expected):
     for _, message in found[topic]:
         check_geometry(message, expected, area)
         number = stamp_ns(message.header.stamp) // area["period_ns"]
-        cells = table[np.asarray(message.data).astype(np.uint8)].reshape(area["rows"], area["columns"])
+        cells = table[np.asarray(message.data).astype(np.uint8)]
+        cells = cells.reshape(area["rows"], area["columns"])
         assert (cells == rows[numbers[number]]).all(), number
     print(f"{topic}: {len(found[topic])} maps are rows of classes.npy")
 

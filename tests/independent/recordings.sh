@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# recordings.sh decode BAG EXPECTED.json | make OUT: our recordings in the programs of others, and theirs for
-# us. In an environment of its own under target/; the packages come from PyPI on the first run only.
+# recordings.sh decode BAG EXPECTED.json | make OUT: our recordings in the programs of others, and
+# theirs for us. In an environment of its own under target/; the packages come from PyPI on the first run only.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 venv=${CARGO_TARGET_DIR:-$here/../../target}/recordings-venv

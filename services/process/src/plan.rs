@@ -233,8 +233,25 @@ mod tests {
         let expected =
             ["scan/a", "frame/a", "classes/a", "collapsed/a", "event", "event-ack", "health"];
         assert_eq!(names, expected);
-        assert_eq!(plan.processes, crate::Role::all(&site(2, 10)).len());
+        assert_eq!(plan.processes, 1 + 3 + 2, "alerts, three of the area, two lasers");
         assert_eq!(plan.topic("scan/a").unwrap().publishers, 2);
+    }
+
+    #[test]
+    fn a_recorder_has_a_place_of_its_own_at_what_it_records() {
+        let mut recorded = site(2, 10);
+        recorded.recorder = Some(protocol::site::Recorder {
+            topics: vec![RecordedTopics::Scans, RecordedTopics::Events],
+            ..Default::default()
+        });
+        let (without, with) = (Plan::new(&site(2, 10)), Plan::new(&recorded));
+        let more = |name: &str| {
+            let of = |plan: &Plan| plan.topic(name).unwrap().readers;
+            of(&with) - of(&without)
+        };
+        assert_eq!(["scan/a", "event", "classes/a", "collapsed/a"].map(more), [1, 1, 0, 0]);
+        assert_eq!(with.topic("scan/a").unwrap().required_readers, 2);
+        assert_eq!(with.processes, without.processes + 1);
     }
 
     #[test]

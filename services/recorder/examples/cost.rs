@@ -67,8 +67,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let recorded_s = (stamp_ns - START_NS) as f64 / 1e9;
     let cpu_s = cpu_ns as f64 / 1e9;
     println!(
-        "{} scans of {} lasers in {recorded_s:.0} s: {:.1} MB, {cpu_s:.2} s of CPU, {:.3} % of a core, \
-         {:.1} us a scan, {:.2} GB a day",
+        "{} scans of {} lasers in {recorded_s:.0} s: {:.1} MB, {cpu_s:.2} s of CPU, {:.3} % of a \
+         core, {:.1} us a scan, {:.2} GB a day",
         counts.messages_written,
         geometries.len(),
         counts.bytes_written as f64 / 1e6,

@@ -55,8 +55,17 @@ pub enum AttachError {
         path: PathBuf,
     },
     /// The disk.
-    #[error("{0}")]
-    Disk(String),
+    #[error(
+        "{problem}. The seconds before are in {}: `tog bag recover` makes a complete file of what is \
+         called .active there",
+        out.display()
+    )]
+    Disk {
+        /// What is wrong with it.
+        problem: String,
+        /// The bag.
+        out: PathBuf,
+    },
     /// The system.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -88,12 +97,16 @@ pub fn record_attached(
         counts: recorder.counts(),
         tape: recorder.tape().counts(),
     };
+    let disk = |problem: &str| {
+        let (problem, out) = (problem.to_owned(), options.out.clone());
+        AttachError::Disk { problem, out }
+    };
     let mut told = begin;
     loop {
         while recorder.take()? {}
         recorder.tick();
         if let Some(problem) = recorder.tape().unwritable() {
-            return Err(AttachError::Disk(problem.to_owned()));
+            return Err(disk(problem));
         }
         let now = monotonic_ns();
         if now >= told + PROGRESS_NS {
@@ -110,7 +123,7 @@ pub fn record_attached(
     }
     recorder.finish()?;
     match recorder.tape().problem() {
-        Some(problem) => Err(AttachError::Disk(problem.to_owned())),
+        Some(problem) => Err(disk(problem)),
         None => Ok(report(&recorder)),
     }
 }

@@ -45,8 +45,16 @@ struct AreaPorts {
     class_maps: Subscriber<ClassMapHeader, u8>,
     collapsed: Subscriber<CollapsedMapHeader, u64>,
     class_map_due_ns: u64,
-    /// One a context: when the next is due, and the latest that was not due.
-    maps: Vec<(u64, Option<(u64, Vec<u64>)>)>,
+    /// One a context.
+    maps: Vec<MapSlot>,
+}
+
+/// The collapsed map of a context.
+#[derive(Default)]
+struct MapSlot {
+    due_ns: u64,
+    /// Stamp and counts of the latest that was not due.
+    waiting: Option<(u64, Vec<u64>)>,
 }
 
 /// A recorder with its ports.
@@ -104,7 +112,7 @@ impl Recorder {
         for (area, topics) in site.areas.iter().zip(&catalogue.areas) {
             let (cells, classes) = (area.grid().cells(), area.class_names().len());
             areas.push(AreaPorts {
-                maps: vec![(0, None); topics.contexts.len()],
+                maps: topics.contexts.iter().map(|_| MapSlot::default()).collect(),
                 topics: topics.clone(),
                 maker: MapMaker::new(area),
                 cells,
@@ -196,7 +204,7 @@ impl Recorder {
         while self.take()? {}
         for area in 0..self.areas.len() {
             for context in 0..self.areas[area].maps.len() {
-                if let Some((stamp_ns, counts)) = self.areas[area].maps[context].1.take() {
+                if let Some((stamp_ns, counts)) = self.areas[area].maps[context].waiting.take() {
                     self.write_maps(area, context, stamp_ns, &counts);
                 }
             }
@@ -302,20 +310,20 @@ impl Recorder {
             let ports = &mut self.areas[area];
             let fits = map.payload().len() == ports.cells * ports.maker.classes();
             let context = header.context as usize;
-            let Some((due_ns, waiting)) = ports.maps.get_mut(context).filter(|_| fits) else {
+            let Some(slot) = ports.maps.get_mut(context).filter(|_| fits) else {
                 self.counts.refused += 1;
                 continue;
             };
             let stamp_ns = header.number.saturating_mul(header.period_ns);
-            if stamp_ns < *due_ns {
-                let (waits_since_ns, counts) = waiting.get_or_insert_default();
-                *waits_since_ns = stamp_ns;
+            if stamp_ns < slot.due_ns {
+                let (waiting_ns, counts) = slot.waiting.get_or_insert_default();
+                *waiting_ns = stamp_ns;
                 counts.clear();
                 counts.extend_from_slice(map.payload());
                 continue;
             }
-            *due_ns = stamp_ns.saturating_add(self.maps_period_ns);
-            *waiting = None;
+            slot.due_ns = stamp_ns.saturating_add(self.maps_period_ns);
+            slot.waiting = None;
             self.write_maps(area, context, stamp_ns, map.payload());
         }
         Ok(())

@@ -8,13 +8,16 @@
 //! |---|---|---|
 //! | `/laser_<id>/scan` | LaserScan | every scan, f32 ranges bit by bit |
 //! | `/laser_<id>/echo_share` | Float32 | share of beams with an echo, once a second, for plots |
-//! | `/area_<id>/classes` | OccupancyGrid | the class map, every `classes_period_s`; which value is which class is in the notes of the channel |
-//! | `/area_<id>/maps/<context>/counts` | Grid (Foxglove) | the collapsed map, exact: one f64 a class, every `maps_period_s` and at the end |
-//! | `/area_<id>/maps/<context>/<class>` | OccupancyGrid | the same as percent of the frames that were counted |
+//! | `/area_<id>/classes` | OccupancyGrid | the class map, every `classes_period_s` |
+//! | `/area_<id>/maps/<context>/counts` | Grid (Foxglove) | the collapsed map, exact, every `maps_period_s` |
+//! | `/area_<id>/maps/<context>/<class>` | OccupancyGrid | the same in percent of the frames |
 //! | `/events` | Log | every change of every event, in the words of the alert |
 //! | `/events/markers` | MarkerArray | where the open events are |
 //! | `/zones` | MarkerArray | the named places |
 //! | `/tf_static` | TFMessage | `map` -> `laser_<id>` |
+//!
+//! A value of a class map is a class: the notes of its channel say which. Counts are one f64 a class
+//! and cell; the last of them is written at the end.
 //!
 //! Names of ROS hold no `-`: an id `a-b` is `a_b` there. Log time is the site's time at reception,
 //! publish time is the stamp. Attached: `site.toml` (see [`attach`] for what is left out of it) and
@@ -40,7 +43,8 @@
 //! | [`tape`] | where messages go: files one after the other, seconds, a full disk |
 //! | [`shelf`] | the thread for everything that waits for a disk |
 //! | [`core`] | from shared memory to the tape |
-//! | [`service`], [`attached`] | `tog recorder`, started by `tog run`; `tog bag record`, beside it |
+//! | [`service`] | `tog recorder`, started by `tog run` |
+//! | [`attached`] | `tog bag record`, beside a running site |
 //!
 //! Left out: frames (they follow from the scans), health, and power loss: a flush gives the data
 //! to the kernel, the kernel to the disk within half a minute.

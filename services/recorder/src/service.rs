@@ -110,12 +110,12 @@ fn tell(recorder: &Recorder, health: &mut HealthReporter) {
         health.set_count(name, total);
     }
     let tape_faults = [
-        ("recording_unwritable", recorder.tape().unwritable()),
-        ("recording_unfinished", recorder.tape().unshelved()),
-        ("message_refused", recorder.first_refusal()),
+        ("recording_unwritable", recorder.tape().unwritable(), "tried again every 5 s"),
+        ("recording_unfinished", recorder.tape().unshelved(), "tried again with the next file"),
+        ("message_refused", recorder.first_refusal(), "all are counted in messages_refused"),
     ];
-    for (code, text) in tape_faults {
-        health.set_fault(code, text.map(str::to_owned));
+    for (code, text, note) in tape_faults {
+        health.set_fault(code, text.map(|text| format!("{text}; {note}")));
     }
     if recorder.is_over() {
         health.set_state(ServiceState::Ended);

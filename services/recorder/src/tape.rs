@@ -278,10 +278,8 @@ impl Tape {
         }
         self.counts.writes_failed += 1;
         self.retry_mono_ns = Some(mono_ns + RETRY_NS);
-        self.unwritable = Some(format!(
-            "nothing is recorded: {error}; free space on the disk, or keep less; tried again every {} s",
-            RETRY_NS / SECOND_NS
-        ));
+        self.unwritable =
+            Some(format!("nothing is recorded: {error}; free space on the disk, or keep less"));
     }
 
     fn note_outcomes(&mut self) {

@@ -23,7 +23,7 @@
 //! | `index`, `extent` | what is in it; how far the echoes reach |
 //! | `ros2` | the messages that we write: definitions, CDR |
 //! | `mcap_writer`, `writer` | one file while it is written: [`McapWriter`], [`ScanWriter`] |
-//! | `bag_directory`, `bag_metadata` | the files of a session with their `metadata.yaml`; what is kept |
+//! | `bag_directory`, `bag_metadata` | the files of a session, `metadata.yaml`; what is kept |
 //! | `recover`, `facts` | a file that was cut; what a complete one holds |
 //!
 //! Left out: `MultiEchoLaserScan`, ROS 2 `.db3`, ROS bags before 1.2, CARMEN and Player logs (each
