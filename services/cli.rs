@@ -43,13 +43,16 @@ pub enum Verb {
     Alerts(Alerts),
     /// Draw, compare, add and export collapsed maps.
     Map(crate::map::cli::Map),
-    /// Recordings: what they hold, from and into other formats.
+    /// Recordings: record, play, recover, what they hold, from and into other formats.
     Bag(crate::bag::cli::Bag),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.
     #[command(after_help = "Examples:\n  tog schema > site.schema.json")]
     Schema,
+    /// The recorder of a running site (started by `tog run`).
+    #[command(hide = true)]
+    Recorder(Worker),
     /// One laser of a running site (started by `tog run`).
     #[command(hide = true)]
     Laser(Worker),

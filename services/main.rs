@@ -29,6 +29,7 @@ fn main() -> ExitCode {
         Verb::Bag(arguments) => bag::run(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
+        Verb::Recorder(worker) => serve("recorder", &worker, recorder::run),
         Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),
         Verb::Fusion(worker) => serve("fusion", &worker, fusion::shell::run),
         Verb::Mapper(worker) => serve("mapper", &worker, mapper::shell::run),

@@ -31,6 +31,12 @@ pub enum BagVerb {
     Export(Export),
     /// Copy the scans of a recording into another format, named by the ending: .mcap, .csv.
     Convert(Convert),
+    /// Record what a running site sees and says, into a new ROS 2 bag.
+    Record(super::record::Record),
+    /// Play a recording as if it were live: a site round it, every service a process of its own.
+    Play(super::play::Play),
+    /// Make a complete recording out of one that was cut, by a kill or a broken copy.
+    Recover(super::recover::Recover),
 }
 
 /// How a recording is read that does not say everything itself.

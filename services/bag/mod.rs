@@ -6,11 +6,17 @@
 //! | `info.rs` | what a recording holds |
 //! | `import.rs` | scans of any recording into MCAP: which lasers, under which names |
 //! | `export.rs` | scans of any recording into a CSV or MCAP |
+//! | `record.rs` | beside a running site, into a new bag |
+//! | `play.rs` | a site made round a recording, every service a process of its own |
+//! | `recover.rs` | a complete recording out of one that was cut |
 
 pub mod cli;
 mod export;
 mod import;
 mod info;
+mod play;
+mod record;
+mod recover;
 
 use crate::fail;
 use cli::{Bag, BagVerb};
@@ -63,6 +69,9 @@ pub enum BagError {
 /// Runs a verb of `tog bag`.
 pub fn run(arguments: &Bag) -> ExitCode {
     let result = match &arguments.verb {
+        BagVerb::Record(arguments) => return record::run(arguments),
+        BagVerb::Play(arguments) => return play::run(arguments),
+        BagVerb::Recover(arguments) => return recover::run(arguments),
         BagVerb::Info(arguments) => info::run(arguments),
         BagVerb::Import(arguments) => import::run(arguments),
         BagVerb::Export(arguments) => export::export(arguments),

@@ -12,7 +12,7 @@
 
 mod area;
 mod lane;
-mod layout;
+pub mod layout;
 mod output;
 
 use crate::cli::{PresetName, Replay};

@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 19] = [
+const VERBS: [&[&str]; 22] = [
     &[],
     &["demo"],
     &["replay"],
@@ -24,6 +24,9 @@ const VERBS: [&[&str]; 19] = [
     &["check"],
     &["learn"],
     &["schema"],
+    &["bag", "record"],
+    &["bag", "play"],
+    &["bag", "recover"],
 ];
 
 fn deploy() -> PathBuf {

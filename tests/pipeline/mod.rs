@@ -8,6 +8,7 @@
 //! | `bag` | `tog bag`: what is told, copied, refused |
 //! | `bad_recordings`, `bad_sites` | words and an exit code, or a drop that is counted and told |
 //! | `cli` | every verb explains itself |
+//! | `recordings` | what is recorded, recovered, and read by other people's programs |
 //! | `golden` | a made recording as a picture in letters, to be read by people |
 //! | `map` | `tog map`: pictures, nav2, NumPy, differences, sums; a program of Python agrees |
 //! | `demo` | `tog demo` alarms, ends, and leaves nothing |
@@ -24,5 +25,6 @@ mod golden;
 mod made;
 mod map;
 mod oracle;
+mod recordings;
 mod same_numbers;
 mod support;

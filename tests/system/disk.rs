@@ -10,14 +10,19 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// A small disk, gone at the end.
-struct Disk(PathBuf);
+pub struct Disk(PathBuf);
 
 impl Disk {
     /// `None` where nobody may mount.
     fn mount(at: &Path) -> Option<Self> {
+        Self::mount_of(at, "4m")
+    }
+
+    /// As [`Disk::mount`], of another size.
+    pub fn mount_of(at: &Path, size: &str) -> Option<Self> {
         fs::create_dir_all(at).unwrap();
         let mut mount = Command::new("mount");
-        mount.args(["-t", "tmpfs", "-o", "size=4m", "tog-test"]).arg(at);
+        mount.args(["-t", "tmpfs", "-o", &format!("size={size}"), "tog-test"]).arg(at);
         mount.output().ok()?.status.success().then(|| Self(at.to_owned()))
     }
 
@@ -26,12 +31,12 @@ impl Disk {
     }
 
     /// Takes all the room there is.
-    fn fill(&self) {
+    pub fn fill(&self) {
         let mut file = File::create(self.ballast()).unwrap();
         while file.write_all(&[0; 4096]).is_ok() {}
     }
 
-    fn free(&self) {
+    pub fn free(&self) {
         fs::remove_file(self.ballast()).unwrap();
     }
 }

@@ -7,6 +7,7 @@
 //! | `hang` | processes that do not answer |
 //! | `events`, `feed` | who tells is killed while there is something to tell |
 //! | `removed` | files of a site that runs are removed; a second site on its state |
+//! | `recorder` | a recorder that is killed, or has no room |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
 //!
 //! `TOG_NIGHTLY=1` runs the long variants (400 kills: five minutes), `TOG_SEED=n` other moments. The full
@@ -19,6 +20,7 @@ mod feed;
 mod hang;
 mod kills;
 mod life;
+mod recorder;
 mod removed;
 
 /// Two lasers of a small room, one area, everything else as it is by default.

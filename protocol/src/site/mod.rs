@@ -11,7 +11,7 @@
 //!
 //! | where | what |
 //! |---|---|
-//! | `laser` `area` `class` `place` | the types |
+//! | `laser` `area` `class` `place` `recorder` | the types |
 //! | `tree` | the parsed text with the place of every value |
 //! | `check` | tree against schema |
 //! | `rules` | tree against itself: ids, references, lengths, times |
@@ -24,6 +24,7 @@ mod class;
 mod diagnostics;
 mod laser;
 mod place;
+mod recorder;
 mod remark;
 mod rules;
 mod tree;
@@ -34,6 +35,7 @@ pub use class::{ClassPrototype, Preset};
 pub use diagnostics::{DIAGNOSTICS_MAX, Diagnostic, Diagnostics, Severity};
 pub use laser::{Laser, NoReturn, Pace, Source};
 pub use place::{Context, Weekday, Zone, minute_of_day};
+pub use recorder::{RecordedTopics, Recorder};
 pub use remark::Remark;
 pub use words::is_id;
 
@@ -72,6 +74,9 @@ pub struct Site {
     #[serde(default = "default_state_dir")]
     #[schemars(length(min = 1, max = 1024))]
     pub state_dir: String,
+    /// Records what the site sees and says; off unless this section is there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorder: Option<Recorder>,
     /// The areas that are watched.
     #[serde(rename = "area")]
     #[schemars(length(min = 1, max = AREAS_MAX))]

@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 mod areas;
 mod contexts;
 mod lasers;
+mod recorder;
 
 /// Everything in the file that does not agree.
 pub(super) fn check(root: &Node<'_>) -> Vec<Finding> {
@@ -27,6 +28,7 @@ pub(super) fn check(root: &Node<'_>) -> Vec<Finding> {
     watched(&areas, &lasers, &mut findings);
     areas::check(&areas, &mut findings);
     lasers::check(&areas, &lasers, &mut findings);
+    recorder::check(root, &mut findings);
     findings
 }
 

@@ -51,8 +51,12 @@ pub fn is_id(text: &str) -> bool {
     (1..=32).contains(&text.len()) && text.bytes().all(allowed)
 }
 
-/// `$ref` followed.
+/// `$ref` followed, also that of a section that may be left out: `anyOf` it and null.
 pub(super) fn resolved<'s>(root: &'s Value, schema: &'s Value) -> &'s Value {
+    let schema = match schema["anyOf"].as_array().map(Vec::as_slice) {
+        Some([section, nothing]) if nothing["type"] == "null" => section,
+        _ => schema,
+    };
     let name = schema["$ref"].as_str().and_then(|path| path.strip_prefix("#/$defs/"));
     name.map_or(schema, |name| &root["$defs"][name])
 }

@@ -5,6 +5,7 @@ mod broken;
 mod broken_areas;
 mod broken_keys;
 mod broken_lasers;
+mod broken_recorder;
 mod broken_values;
 mod codec;
 mod deploy;

@@ -226,7 +226,9 @@ impl Mapper {
                 .finish(self.core.grid(), &self.core.context_names())
                 .map_err(|error| Failure::Failed(format!("cannot write the results: {error}")))?;
         }
-        let mut header = ClassMapHeader { number: ended.number, ..ClassMapHeader::default() };
+        let number = ended.number;
+        self.publish_collapsed()?; // so that a recorder has the maps of the end
+        let mut header = ClassMapHeader { number, ..ClassMapHeader::default() };
         header.envelope.flags = FLAG_END_OF_STREAM;
         self.classes.send(header, &[])?;
         self.end_told = true;

@@ -127,13 +127,25 @@ impl Bus {
         &self,
         topic: &Topic<H, E>,
     ) -> Result<Subscriber<H, E>, BusError> {
+        self.subscriber_with_credit_as(topic, 0)
+    }
+
+    /// As [`Self::subscriber_with_credit`], for another reader that a lossless publisher waits for as
+    /// well: `reader` is its index, 1 for the recorder.
+    ///
+    /// # Errors
+    /// If the topic is not in the plan or cannot be opened within a second.
+    pub fn subscriber_with_credit_as<H: Header, E: Element>(
+        &self,
+        topic: &Topic<H, E>,
+        reader: u32,
+    ) -> Result<Subscriber<H, E>, BusError> {
         let plan = self.plan_of(topic.name())?;
         let opened = self.open_topic::<H, E>(topic.name())?;
         let credit = if self.lossless && plan.required_readers > 0 {
             let credit_plan = credit_plan(plan);
             let credit = self.open_topic::<BytesHeader, u64>(&credit_plan.name)?;
-            // There is one such reader a topic, so its index is 0.
-            let publisher = Publisher::new(&credit, &credit_plan, 0, self.session, None)?;
+            let publisher = Publisher::new(&credit, &credit_plan, reader, self.session, None)?;
             Some((publisher, plan.window() / 4))
         } else {
             None
@@ -216,12 +228,12 @@ fn credit_topic(topic: &str) -> String {
     format!("{topic}/credit")
 }
 
-/// The credit of a topic: one reader publishes it, all publishers of the topic read it.
+/// The credit of a topic: the required readers publish it, all publishers of the topic read it.
 pub(crate) fn credit_plan(topic: &TopicPlan) -> TopicPlan {
     let payload_len_max = topic.publisher_slots() * crate::credit::WORDS;
     TopicPlan {
         name: credit_topic(&topic.name),
-        publishers: 1,
+        publishers: topic.required_readers,
         readers: topic.publishers + 1,
         buffer: 2, // a table is complete: only the newest matters
         history: 1,

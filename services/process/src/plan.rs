@@ -3,7 +3,8 @@
 
 use crate::bus::{CreateTopic, create_topic};
 use crate::ports::Element;
-use protocol::site::Site;
+use crate::role::Role;
+use protocol::site::{RecordedTopics, Site};
 use protocol::topic::{self, Topic};
 use protocol::wire::Header;
 
@@ -141,30 +142,39 @@ impl Plan {
     pub fn new(site: &Site) -> Self {
         let mut topics = Vec::new();
         let areas = site.areas.len();
+        // The recorder reads beside those for whom the messages are, and whoever is attached later.
+        let recorder = |topics| {
+            usize::from(site.recorder.as_ref().is_some_and(|recorder| recorder.records(topics)))
+        };
+        let (scans, maps) = (recorder(RecordedTopics::Scans), recorder(RecordedTopics::Maps));
         for area in &site.areas {
             let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
             let (id, grid) = (&area.id, area.grid());
             let scan = topic::scan(id);
-            topics.push(TopicPlan::new(&scan, lasers, 1).buffered(SCAN_BUFFER, 0).lossless_for(1));
+            let plan = TopicPlan::new(&scan, lasers, 1 + scans).buffered(SCAN_BUFFER, 0);
+            // A recording of a lossless replay has every scan as well.
+            topics.push(plan.lossless_for(1 + scans));
             let frame = topic::frame(id, grid.plane_words());
             topics.push(TopicPlan::new(&frame, 1, 1).buffered(FRAME_BUFFER, 0).lossless_for(1));
             let classes = topic::classes(id, grid.cells());
-            let plan = TopicPlan::new(&classes, 1, 1).buffered(CLASSES_BUFFER, 0);
+            let plan = TopicPlan::new(&classes, 1, 1 + maps).buffered(CLASSES_BUFFER, 0);
             topics.push(plan.lossless_for(1));
             // A message holds one context, so a late reader gets one of each.
             let contexts = area.contexts.len() + 1;
             let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
-            topics.push(TopicPlan::new(&collapsed, 1, 1).buffered(contexts.max(2), contexts));
+            let plan = TopicPlan::new(&collapsed, 1, 1 + maps);
+            topics.push(plan.buffered(contexts.max(2), contexts));
         }
         let event = topic::event();
-        let plan = TopicPlan::new(&event, areas + 1, 1).at_most(&event, EVENT_BYTES_MAX);
+        let events = 1 + recorder(RecordedTopics::Events);
+        let plan = TopicPlan::new(&event, areas + 1, events).at_most(&event, EVENT_BYTES_MAX);
         topics.push(plan.buffered(EVENT_BUFFER, 0));
         // One acknowledgement an origin, so that each finds its own although others follow it.
         let acknowledgement = topic::event_acknowledgement();
         let plan = TopicPlan::new(&acknowledgement, 1, areas + 1)
             .at_most(&acknowledgement, ACKNOWLEDGEMENT_BYTES_MAX);
         topics.push(plan.buffered(2 * (areas + 1) + 14, areas + 1));
-        let processes = 1 + 3 * areas + site.lasers.len();
+        let processes = Role::all(site).len();
         let health = TopicPlan::new(&topic::health(), processes, 1).buffered(HEALTH_BUFFER, 0);
         topics.push(health);
         Self { topics, processes }
@@ -223,8 +233,25 @@ mod tests {
         let expected =
             ["scan/a", "frame/a", "classes/a", "collapsed/a", "event", "event-ack", "health"];
         assert_eq!(names, expected);
-        assert_eq!(plan.processes, crate::Role::all(&site(2, 10)).len());
+        assert_eq!(plan.processes, 1 + 3 + 2, "alerts, three of the area, two lasers");
         assert_eq!(plan.topic("scan/a").unwrap().publishers, 2);
+    }
+
+    #[test]
+    fn a_recorder_has_a_place_of_its_own_at_what_it_records() {
+        let mut recorded = site(2, 10);
+        recorded.recorder = Some(protocol::site::Recorder {
+            topics: vec![RecordedTopics::Scans, RecordedTopics::Events],
+            ..Default::default()
+        });
+        let (without, with) = (Plan::new(&site(2, 10)), Plan::new(&recorded));
+        let more = |name: &str| {
+            let of = |plan: &Plan| plan.topic(name).unwrap().readers;
+            of(&with) - of(&without)
+        };
+        assert_eq!(["scan/a", "event", "classes/a", "collapsed/a"].map(more), [1, 1, 0, 0]);
+        assert_eq!(with.topic("scan/a").unwrap().required_readers, 2);
+        assert_eq!(with.processes, without.processes + 1);
     }
 
     #[test]

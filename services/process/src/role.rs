@@ -10,6 +10,8 @@ use std::fmt;
 pub enum Role {
     /// The journal and the feed; one a site.
     Alerts,
+    /// The recorder; one a site, if the site file asks for it.
+    Recorder,
     /// The detector of an area.
     Anomaly {
         /// The area's id.
@@ -38,6 +40,7 @@ impl Role {
     pub fn service(&self) -> &'static str {
         match self {
             Self::Alerts => "alerts",
+            Self::Recorder => "recorder",
             Self::Anomaly { .. } => "anomaly",
             Self::Mapper { .. } => "mapper",
             Self::Fusion { .. } => "fusion",
@@ -49,7 +52,7 @@ impl Role {
     #[must_use]
     pub fn arguments(&self) -> Vec<String> {
         match self {
-            Self::Alerts => Vec::new(),
+            Self::Alerts | Self::Recorder => Vec::new(),
             Self::Anomaly { area } | Self::Mapper { area } | Self::Fusion { area } => {
                 vec!["--area".to_owned(), area.clone()]
             }
@@ -71,6 +74,7 @@ impl Role {
         };
         Ok(match service {
             "alerts" => Self::Alerts,
+            "recorder" => Self::Recorder,
             "anomaly" => Self::Anomaly { area: the_area()? },
             "mapper" => Self::Mapper { area: the_area()? },
             "fusion" => Self::Fusion { area: the_area()? },
@@ -87,6 +91,7 @@ impl Role {
     #[must_use]
     pub fn all(site: &Site) -> Vec<Self> {
         let mut roles = vec![Self::Alerts];
+        roles.extend(site.recorder.is_some().then_some(Self::Recorder));
         for area in &site.areas {
             roles.push(Self::Anomaly { area: area.id.clone() });
             roles.push(Self::Mapper { area: area.id.clone() });
@@ -102,6 +107,7 @@ impl fmt::Display for Role {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Alerts => f.write_str("alerts"),
+            Self::Recorder => f.write_str("recorder"),
             Self::Anomaly { area } => write!(f, "anomaly {area}"),
             Self::Mapper { area } => write!(f, "mapper {area}"),
             Self::Fusion { area } => write!(f, "fusion {area}"),

@@ -110,7 +110,7 @@ impl Worker {
         let id = match &self.role {
             Role::Anomaly { area } | Role::Mapper { area } | Role::Fusion { area } => area,
             Role::Laser { .. } => &self.laser()?.1.area,
-            Role::Alerts => return None,
+            Role::Alerts | Role::Recorder => return None,
         };
         let index = self.site.areas.iter().position(|area| &area.id == id)?;
         Some((index as u32, &self.site.areas[index]))

@@ -4,6 +4,7 @@
 //! behind its encapsulation header, in either byte order. All fields of a LaserScan have 4 bytes.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 /// A place in a message.
 pub(crate) struct Cursor<'a> {
@@ -89,6 +90,23 @@ impl<'a> Cursor<'a> {
     pub fn string(&mut self, what: &str) -> Result<Cow<'a, str>, String> {
         let length = self.u32(what)? as usize;
         self.take(length, what).map(String::from_utf8_lossy)
+    }
+
+    /// So many bytes.
+    pub fn slice(&mut self, count: usize, what: &str) -> Result<&'a [u8], String> {
+        self.take(count, what)
+    }
+
+    /// A map of strings as MCAP has it: its length in bytes, then keys and values.
+    pub fn string_map(&mut self, what: &str) -> Result<BTreeMap<String, String>, String> {
+        let length = self.u32(what)? as usize;
+        let mut inner = Cursor::packed(self.take(length, what)?);
+        let mut map = BTreeMap::new();
+        while inner.left() > 0 {
+            let key = inner.string(what)?.into_owned();
+            map.insert(key, inner.string(what)?.into_owned());
+        }
+        Ok(map)
     }
 
     /// All bytes that are left.

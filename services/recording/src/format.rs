@@ -57,7 +57,7 @@ pub(crate) const ROS1_MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 /// First line of a ROS 1 bag of version 1.2.
 pub(crate) const ROS1_V1_MAGIC: &[u8] = b"#ROSRECORD V1.2\n";
 /// First bytes of an MCAP file.
-const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
+pub(crate) const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// First bytes of an SQLite file.
 const SQLITE_MAGIC: &[u8] = b"SQLite format 3\0";
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";

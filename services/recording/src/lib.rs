@@ -40,7 +40,10 @@
 //! | `recording` | [`Recording`], the iterator [`Scans`]; `options`: how it is read |
 //! | `index`, `extent` | what is in it; how far the echoes reach |
 //! | `info`, `intervals`, `mcap_index` | what a recording is, for people |
-//! | `writer`, `csv_writer` | [`ScanWriter`], [`CsvWriter`] |
+//! | `ros2` | the messages that we write: definitions, CDR |
+//! | `mcap_writer`, `writer`, `csv_writer` | one file while it is written: [`McapWriter`], [`ScanWriter`], [`CsvWriter`] |
+//! | `bag_directory`, `bag_metadata` | the files of a session, `metadata.yaml`; what is kept |
+//! | `recover`, `facts` | a file that was cut; what a complete one holds |
 //!
 //! Left out, each named when it is met with what to do: MRPT rawlogs, network captures (pcap, pcapng,
 //! JSON of Wireshark), ROS bags before 1.2, Player logs of other file versions, files packed with zstd,
@@ -48,6 +51,8 @@
 //! one; and intensities.
 
 mod bag;
+mod bag_directory;
+mod bag_metadata;
 mod bag_v1;
 mod carmen;
 mod columns;
@@ -57,6 +62,7 @@ mod cursor;
 mod db3;
 mod error;
 mod extent;
+mod facts;
 mod format;
 mod index;
 mod info;
@@ -64,6 +70,8 @@ mod intervals;
 mod laser_scan;
 mod mcap_file;
 mod mcap_index;
+mod mcap_records;
+mod mcap_writer;
 mod number;
 mod options;
 mod part;
@@ -71,6 +79,8 @@ mod parts;
 mod player;
 mod record;
 mod recording;
+mod recover;
+pub mod ros2;
 mod section;
 mod sick_codes;
 mod stream;
@@ -78,13 +88,19 @@ mod text;
 mod unpack;
 mod writer;
 
+pub use bag_directory::{BagDirectory, Kept, RecordedFile, to_remove};
 pub use columns::ColumnMap;
 pub use csv_writer::CsvWriter;
 pub use error::RecordingError;
 pub use extent::{Extent, ExtentError, MARGIN_M, TAIL_SHARE};
+pub use facts::{Attached, attachment, file_facts};
 pub use format::Format;
 pub use index::{GAP_NS, RecordingIndex, TopicSummary};
 pub use info::{OtherTopic, RecordingInfo, Sample, TopicInfo};
+pub use mcap_writer::{
+    ACTIVE_SUFFIX, FileFacts, McapWriter, TopicFacts, TopicSpec, WrittenFile, active_path,
+};
 pub use options::{Echo, ReadOptions};
 pub use recording::{RecordedScan, Recording, Scans};
-pub use writer::{ScanTopic, ScanWriter, as_recorded};
+pub use recover::{Recovered, recover};
+pub use writer::{ScanTopic, ScanWriter, as_recorded, encode_scan};

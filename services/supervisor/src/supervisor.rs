@@ -23,7 +23,7 @@ const GRACE_NS: u64 = 3 * SECOND_NS;
 /// The next kind of process is asked at the latest so long after the one before.
 const STAGE_NS: u64 = 600_000_000;
 /// Kinds of processes in the order of the shutdown.
-const STAGES: usize = 5;
+const STAGES: usize = 6;
 /// A replay in step with time begins so long after the start, when everybody listens.
 const REPLAY_LEAD_NS: u64 = SECOND_NS;
 
@@ -412,7 +412,8 @@ fn stage_of(role: &Role) -> usize {
         Role::Fusion { .. } => 1,
         Role::Mapper { .. } => 2,
         Role::Anomaly { .. } => 3,
-        Role::Alerts => 4,
+        Role::Recorder => 4,
+        Role::Alerts => 5,
     }
 }
 
