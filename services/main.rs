@@ -2,6 +2,7 @@
 
 mod cli;
 mod demo;
+mod experiment;
 mod learn;
 mod operate;
 mod pipeline;
@@ -18,6 +19,7 @@ fn main() -> ExitCode {
     match Cli::parse().verb {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Replay(arguments) => replay::main(&arguments),
+        Verb::Experiment(arguments) => experiment::main(&arguments),
         Verb::Learn(arguments) => learn::run(&arguments),
         Verb::Run(arguments) => operate::run(&arguments),
         Verb::Status(arguments) => operate::status(&arguments),
