@@ -156,7 +156,8 @@ mod tests {
     #[test]
     fn codes_dust_and_dazzle_come_at_their_shares() {
         let sensor = Sensor { fault_share: 0.0105, ..CLEAN };
-        let read: Vec<f32> = (0..50).flat_map(|_| readings(&sensor, [4.0; 3], 4000, 0..0)).collect();
+        let read: Vec<f32> =
+            (0..50).flat_map(|_| readings(&sensor, [4.0; 3], 4000, 0..0)).collect();
         let share = |test: fn(&f32) -> bool| {
             read.iter().filter(|r| test(r)).count() as f64 / read.len() as f64
         };

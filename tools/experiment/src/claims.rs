@@ -9,7 +9,7 @@
 //! | `door` | 3 | exactly one group of >= 3 touching cells is both background and vacated in >= 10 % of their frames, and its centre is within 0.5 m of the shut exterior door |
 //! | `door-only` | 3 | over the cells of that group, passing and lingering are each at most half as frequent as vacated |
 //! | `spots` | 3 | within 1 m of the place where people wait for the elevator, and of the one where they talk, there are groups of >= 3 touching cells that linger in >= 1 % of their frames, and >= 60 % of the mass of all such groups is there |
-//! | `ways` | 3 | the mean share of passing of cells that somebody trod is >= 5 times that of the other cells without a surface |
+//! | `ways` | 3 | of the cells without a surface within one cell, the mean share of passing of those that somebody trod is >= 5 times that of the others |
 //! | `legs` | 2 | **Here:** of the cells of the path, >= 95 % are passing, lingering or transit in >= 2 % of their frames |
 //! | `no-wall` | 3 | **Here:** over the cells that people trod within 1 m of these two places, background is at most half as frequent as lingering |
 //!
@@ -19,7 +19,7 @@
 //! cells are left out: at the edge of furniture, noise tosses single cells between all classes.
 //! A share below 0.01 % counts as 0.01 % where it divides.
 
-use crate::blobs::{Blob, blobs};
+use crate::blobs::{Blob, blobs, neighbours};
 use crate::ground::{Footprints, Ground, share_near};
 use crate::shares::{Class, Shares};
 use scene::Scene;
@@ -105,6 +105,23 @@ impl Claim {
             Self::Ways => "the ways between the doors are of the 1 s timescale",
             Self::Legs => "here: the whole walked path is seen",
             Self::NoWall => "here: who stands a while is not taken for a wall",
+        }
+    }
+
+    /// What the first number of its verdict is.
+    #[must_use]
+    pub fn number(self) -> &'static str {
+        match self {
+            Self::Walls => "background within one cell of a surface",
+            Self::Path => "mean share of passing on the path",
+            Self::Empty => "cells in the 15 s map",
+            Self::Agrees => "correlation",
+            Self::Door => "other groups as strong in both",
+            Self::DoorOnly => "passing / vacated at the door",
+            Self::Spots => "share of all lingering that is there",
+            Self::Ways => "passing there / elsewhere",
+            Self::Legs => "share of the path that is seen",
+            Self::NoWall => "background / lingering",
         }
     }
 
@@ -424,7 +441,8 @@ pub fn lingering_spots(shares: &Shares, places_m: &[[f64; 2]]) -> Verdict {
 #[must_use]
 pub fn ways(shares: &Shares, trodden: &[bool], surface: &[bool]) -> Verdict {
     let mean = |on: bool| {
-        let cells = (0..trodden.len()).filter(|&cell| trodden[cell] == on && !surface[cell]);
+        let open = |cell: usize| !neighbours(shares.grid(), cell).any(|near| surface[near]);
+        let cells = (0..trodden.len()).filter(|&cell| trodden[cell] == on && open(cell));
         shares.mean(Class::Passing, cells)
     };
     let times = ratio(mean(true), mean(false));

@@ -96,7 +96,9 @@ pub struct Rate {
 
 /// A rate that the device does not have.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error("{found} scans a second, expected 1 to 75.1: the mirror of an LMS 200 turns 75.1 times a second")]
+#[error(
+    "{found} scans a second, expected 1 to 75.1: the mirror of an LMS 200 turns 75.1 times a second"
+)]
 pub struct RateError {
     found: f64,
 }
@@ -150,7 +152,8 @@ mod tests {
 
     #[test]
     fn rates_are_those_of_the_device() {
-        for (asked, hz) in [(9.4, 9.384), (75.0, 75.075), (10.0, 9.384), (37.5, 37.538), (1.0, 1.001)]
+        for (asked, hz) in
+            [(9.4, 9.384), (75.0, 75.075), (10.0, 9.384), (37.5, 37.538), (1.0, 1.001)]
         {
             let rate = Rate::nearest(asked).unwrap();
             assert!((rate.hz() - hz).abs() < 0.001, "{asked}: {}", rate.hz());

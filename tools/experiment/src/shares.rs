@@ -100,7 +100,8 @@ mod tests {
     #[test]
     fn shares_are_found_by_name_whatever_the_order_and_what_is_absent_is_zero() {
         let grid = GridGeometry { origin_m: [0.0; 2], cell_m: 0.1, columns: 2, rows: 1 };
-        let shares = Shares::of_counts(grid, &["background", "empty", "passing"], &[1, 0, 1, 0, 2, 0]);
+        let shares =
+            Shares::of_counts(grid, &["background", "empty", "passing"], &[1, 0, 1, 0, 2, 0]);
         assert_eq!(shares.of(Class::Background), [0.25, 0.0]);
         assert_eq!(shares.of(Class::Passing), [0.5, 0.0]);
         assert_eq!(shares.of(Class::Transit), [0.0, 0.0]);

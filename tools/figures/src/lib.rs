@@ -14,6 +14,7 @@
 //! | `share.rs` | [`class_share`]: one class of a collapsed map |
 //! | `class_map.rs` | [`class_map`]: the classes at one instant |
 //! | `overview.rs` | [`overview`]: leading classes, lasers, events, and a panel per class |
+//! | `panels.rs` | [`panels`]: up to six maps on one page, two by two, one scale of colour |
 //! | `sheet.rs` | the page round a map: title, axes, scale bar, colour bar, legend, caption |
 //! | `view.rs` | the window of the grid that is shown, and metres to pixels |
 //! | `marks.rs` | lasers and events, with labels that keep clear of each other |
@@ -26,6 +27,7 @@ mod input;
 mod marks;
 mod overview;
 mod palette;
+mod panels;
 mod scale;
 mod share;
 mod sheet;
@@ -37,6 +39,7 @@ pub use input::{
     ClassGrid, ClassShare, EventMark, LaserMark, Options, OverviewMap, ShareMap, shares,
 };
 pub use overview::overview;
+pub use panels::{CircleMark, Panel, PanelSheet, panels};
 pub use share::class_share;
 
 /// Why a picture could not be made.

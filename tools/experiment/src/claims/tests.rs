@@ -123,8 +123,7 @@ fn a_door_holds_if_it_is_the_only_one_and_at_its_place() {
     let holds = |map: &Made| door_verdicts(&map.shares(), DOOR).map(|verdict| verdict.holds);
     assert_eq!(holds(&door()), [true, true]);
     let second = || (5..9).map(|row| cell(19, row));
-    let two =
-        door().with(Class::Background, 700, second()).with(Class::Vacated, 250, second());
+    let two = door().with(Class::Background, 700, second()).with(Class::Vacated, 250, second());
     assert_eq!(holds(&two), [false, true]);
     let noise = || std::iter::once(cell(12, 12));
     let tossed = door().with(Class::Background, 500, noise()).with(Class::Vacated, 300, noise());
