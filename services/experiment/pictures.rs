@@ -16,6 +16,8 @@ const PANELS: [(Class, &str); 4] = [
 ];
 /// Largest panel of a page of four, pixels.
 const PANEL_MAX_PX: [u32; 2] = [620, 440];
+/// Exponent of the scale of colour: ways that are used 0.2 % of the time must show beside walls.
+const GAMMA: f64 = 0.3;
 /// The circle round the exterior door, metres: the leaf is 1 m.
 const CIRCLE_M: f64 = 0.85;
 
@@ -100,6 +102,6 @@ fn four(
             String::new()
         },
     };
-    let options = Options { plot_max_px: PANEL_MAX_PX, ..Options::default() };
+    let options = Options { plot_max_px: PANEL_MAX_PX, gamma: GAMMA, ..Options::default() };
     Ok(figures::panels(&page, &lasers(outcome), &options)?)
 }

@@ -8,6 +8,7 @@
 //! | `cli` | every verb explains itself |
 //! | `golden` | a made recording as a picture in letters, to be read by people |
 //! | `demo` | `tog demo` alarms, ends, and leaves nothing |
+//! | `experiment` | the paper's experiments: files, figures, verdicts |
 //! | `support` | runs the binary under a watchdog; reads what it wrote |
 //! | `made` | recordings made by the letter, good and bad |
 
@@ -15,6 +16,7 @@ mod bad_recordings;
 mod bad_sites;
 mod cli;
 mod demo;
+mod experiment;
 mod golden;
 mod made;
 mod oracle;
