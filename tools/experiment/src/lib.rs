@@ -6,7 +6,7 @@
 //!
 //! Every number of a verdict is computed from the shares of a collapsed map and from the truth of
 //! the scene: the surfaces that a laser can see, the cells that legs covered, the places of doors.
-//! A claim either holds or not; its limits were set before the seeds were run, and are constants.
+//! A claim either holds or not; its limits are constants, and were chosen with seeds 1 to 3 in view.
 //!
 //! | where | what |
 //! |---|---|
