@@ -73,7 +73,8 @@ impl Tally {
         let mut values: Vec<f64> =
             verdicts.iter().map(|verdict| verdict.measures[0].value).collect();
         values.sort_by(f64::total_cmp);
-        let median = values.get(values.len() / 2).copied().unwrap_or(f64::NAN);
+        let middle = |at: usize| values.get(at).copied().unwrap_or(f64::NAN);
+        let median = (middle(values.len() / 2) + middle(values.len().saturating_sub(1) / 2)) / 2.0;
         let held = verdicts.iter().filter(|verdict| verdict.holds).count();
         Self { held, of: verdicts.len(), median }
     }
@@ -132,5 +133,7 @@ mod tests {
         assert!(nine.is_enough());
         values[0] = -1.0;
         assert!(!tally(&values).is_enough());
+        assert_eq!(tally(&[3.0, 1.0, 2.0, 9.0]).median, 2.5);
+        assert_eq!(tally(&[3.0, 1.0, 9.0]).median, 3.0);
     }
 }
