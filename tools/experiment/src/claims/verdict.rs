@@ -82,7 +82,7 @@ impl Claim {
     pub fn number(self) -> &'static str {
         match self {
             Self::Walls => "background within one cell of a surface",
-            Self::Path => "mean share of passing on the path",
+            Self::Path => "passing / the most frequent other",
             Self::Empty => "cells in the 15 s map",
             Self::Agrees => "correlation",
             Self::Door => "other groups as strong in both",
