@@ -33,6 +33,8 @@ pub enum Verb {
     Demo(Demo),
     /// Compute maps, classes and events of a recording, in one process, as fast as it goes.
     Replay(Replay),
+    /// Run an experiment of the paper on an imagined building, and judge what the map shows.
+    Experiment(crate::experiment::cli::Experiment),
     /// Start and supervise every process that a site file names.
     Run(Run),
     /// Let a simulated site learn from its own past, in fast motion.

@@ -4,6 +4,7 @@ mod bag;
 mod check;
 mod cli;
 mod demo;
+mod experiment;
 mod learn;
 mod map;
 mod operate;
@@ -21,6 +22,7 @@ fn main() -> ExitCode {
     match Cli::parse().verb {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Replay(arguments) => replay::main(&arguments),
+        Verb::Experiment(arguments) => experiment::main(&arguments),
         Verb::Learn(arguments) => learn::run(&arguments),
         Verb::Run(arguments) => operate::run(&arguments),
         Verb::Status(arguments) => operate::status(&arguments),

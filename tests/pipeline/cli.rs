@@ -4,10 +4,12 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 22] = [
+const VERBS: [&[&str]; 24] = [
     &[],
     &["demo"],
     &["replay"],
+    &["experiment"],
+    &["experiment", "verdict"],
     &["run"],
     &["status"],
     &["alerts", "list"],

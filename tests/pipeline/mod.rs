@@ -12,6 +12,7 @@
 //! | `golden` | a made recording as a picture in letters, to be read by people |
 //! | `map` | `tog map`: pictures, nav2, NumPy, differences, sums; a program of Python agrees |
 //! | `demo` | `tog demo` alarms, ends, and leaves nothing |
+//! | `experiment` | the paper's experiments: files, figures, verdicts |
 //! | `support` | runs the binary under a watchdog; reads what it wrote |
 //! | `made` | recordings made by the letter, good and bad |
 
@@ -20,6 +21,7 @@ mod bad_sites;
 mod bag;
 mod cli;
 mod demo;
+mod experiment;
 mod foreign_logs;
 mod golden;
 mod made;

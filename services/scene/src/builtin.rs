@@ -4,13 +4,15 @@ use crate::error::SceneError;
 use crate::file::Scene;
 
 /// Name and text of every built-in scene; the files are `deploy/scenes/<name>.toml`.
-pub const BUILTIN: [(&str, &str); 2] = [
+pub const BUILTIN: [(&str, &str); 4] = [
     ("foyer", include_str!("../../../deploy/scenes/foyer.toml")),
+    ("paper-foyer", include_str!("../../../deploy/scenes/paper-foyer.toml")),
+    ("paper-room", include_str!("../../../deploy/scenes/paper-room.toml")),
     ("room", include_str!("../../../deploy/scenes/room.toml")),
 ];
 
 impl Scene {
-    /// A built-in scene: `foyer` or `room`.
+    /// A built-in scene, by its name in [`BUILTIN`].
     ///
     /// # Errors
     /// If there is none of that name; the message lists those that are.

@@ -206,6 +206,7 @@ impl Scene {
             people.points_m.iter().for_each(|&point| problems.place(&what, point));
             check_speed(&what, people.speed_m_s, problems);
             problems.number(&format!("{what} spread_m"), people.spread_m, 0.0, 10.0, "m");
+            check_present(&what, people.present_s, problems);
             expected += f64::from(people.people);
         }
         for wander in &self.wanders {
@@ -214,6 +215,7 @@ impl Scene {
             wander.points_m.iter().for_each(|&point| problems.place(&what, point));
             check_speed(&what, wander.speed_m_s, problems);
             problems.between(&format!("{what} pause_s"), wander.pause_s, 0.0, WAIT_MAX_S, "s");
+            check_present(&what, wander.present_s, problems);
             expected += f64::from(wander.people);
         }
         problems.unless(expected <= PEOPLE_MAX, || {
@@ -341,6 +343,12 @@ fn check_opening(
                 "{what} opens every {every_s} s, expected at least hold_s + 2 move_s = {busy_s} s"
             )
         });
+    }
+}
+
+fn check_present(what: &str, window_s: Option<[f64; 2]>, problems: &mut Problems) {
+    if let Some(window_s) = window_s {
+        problems.between(&format!("{what} present_s"), window_s, -1e9, 1e9, "s");
     }
 }
 

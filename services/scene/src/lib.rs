@@ -18,7 +18,7 @@
 //! | `walk`, `path` | one person: body, gait, legs |
 //! | `door`, `obstacle` | leaves and when they open; what nobody walks through |
 //! | `view`, `shape` | exact ray casting |
-//! | `sensor`, `seed` | noise and codes; keyed randomness |
+//! | `sensor`, `lms200`, `seed` | noise and codes; a real device; keyed randomness |
 //!
 //! ```
 //! use scene::{Scene, World};
@@ -36,6 +36,7 @@ pub mod check;
 mod door;
 mod error;
 mod file;
+mod lms200;
 mod obstacle;
 mod path;
 mod population;
@@ -51,7 +52,7 @@ pub use builtin::BUILTIN;
 pub use error::SceneError;
 pub use file::{
     Area, BoxObject, Incident, LaserSpec, Loop, Opening, Pillar, Route, RoutePoint,
-    SCENE_BYTES_MAX, Scene, Sensor, SlidingDoor, SlidingLeaf, SwingDoor, Wall, Wander,
+    SCENE_BYTES_MAX, Scene, Sensor, SensorModel, SlidingDoor, SlidingLeaf, SwingDoor, Wall, Wander,
 };
 pub use world::{DoorTruth, PersonTruth, Truth, World};
 

@@ -9,7 +9,7 @@ use crate::obstacle::Obstacles;
 use crate::path::Path;
 use crate::seed::{Purpose, mix, name_key, stream};
 use crate::shape::{Point, Segment, norm, sub};
-use crate::walk::{Gait, Motion, Walk};
+use crate::walk::{ALWAYS_S, Gait, Motion, Walk};
 use crate::ways::Ways;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -130,7 +130,8 @@ impl Population {
             let part = (f64::from(person) + 0.3 * rng.random::<f64>()) / f64::from(people.people);
             let motion = Motion::Steady { from_m: part * path.length_m(), speed_m_s };
             let gait = Gait::draw(&mut rng);
-            walks.push((Walk { id, origin: people.id.clone(), path, motion, gait }, speed_m_s));
+            let (origin, present_s) = (people.id.clone(), present(people.present_s));
+            walks.push((Walk { id, origin, path, motion, gait, present_s }, speed_m_s));
         }
     }
 
@@ -150,8 +151,13 @@ impl Population {
         knots.push((begin_s + ways.slot_s, path.length_m()));
         let gait = Gait::draw(&mut stream(Purpose::Gait, &[who]));
         let motion = Motion::Knots(knots);
-        (Walk { id: who, origin: wander.id.clone(), path, motion, gait }, speed_m_s)
+        let (origin, present_s) = (wander.id.clone(), present(wander.present_s));
+        (Walk { id: who, origin, path, motion, gait, present_s }, speed_m_s)
     }
+}
+
+fn present(window_s: Option<[f64; 2]>) -> (f64, f64) {
+    window_s.map_or(ALWAYS_S, |[from, until]| (from, until))
 }
 
 /// Somebody on a way with waits. `of` is (which, how many) of a party that shares key, waits and
@@ -174,7 +180,8 @@ fn walk_of(
     let path = Path::open(&corners);
     let mut knots = vec![(at_s + PARTY_GAP_S * f64::from(of.0), 0.0)];
     walk_knots(&path, speed_m_s, waits.into_iter(), &mut knots);
-    (Walk { id, origin: origin.to_owned(), path, motion: Motion::Knots(knots), gait }, speed_m_s)
+    let (origin, motion) = (origin.to_owned(), Motion::Knots(knots));
+    (Walk { id, origin, path, motion, gait, present_s: ALWAYS_S }, speed_m_s)
 }
 
 /// From corner to corner at one speed, with a wait at each.

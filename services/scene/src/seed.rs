@@ -26,6 +26,8 @@ pub(crate) enum Purpose {
     Bias = 8,
     /// A scripted walker.
     Incident = 9,
+    /// When and where a laser is dazzled.
+    Dazzle = 10,
 }
 
 /// Mixes the parts of a key to 64 bits (the finaliser of SplitMix64, Steele et al. 2014, per part).

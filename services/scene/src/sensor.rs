@@ -56,7 +56,7 @@ fn mixed(laser: &LaserSpec, range_m: f64, next_m: f64, straddles: f64, between: 
     if between < 0.5 || !far.is_finite() { near } else { near + (far - near) * (between - 0.5) }
 }
 
-fn reading(sensor: &Sensor, laser: &LaserSpec, range_m: f64) -> f32 {
+pub(crate) fn reading(sensor: &Sensor, laser: &LaserSpec, range_m: f64) -> f32 {
     let range_m = range_m.max(0.0);
     let range_m = if sensor.quantum_m > 0.0 {
         (range_m / sensor.quantum_m).round() * sensor.quantum_m

@@ -11,6 +11,8 @@ use std::f64::consts::{PI, TAU};
 #[derive(Debug, Clone)]
 pub(crate) struct View {
     pub spec: LaserSpec,
+    /// The rays are turned by so much from the beams, degrees.
+    pub aside_deg: f64,
     origin: Point,
     yaw_rad: f64,
     angle_min_rad: f64,
@@ -22,8 +24,9 @@ pub(crate) struct View {
 }
 
 impl View {
-    pub fn new(spec: &LaserSpec) -> Self {
-        let (pose, geometry) = (spec.pose(), spec.geometry());
+    pub fn new(spec: &LaserSpec, aside_deg: f64) -> Self {
+        let (pose, mut geometry) = (spec.pose(), spec.geometry());
+        geometry.angle_min_rad += aside_deg.to_radians(); // + 0.0 changes no bit of it
         let beams = spec.beams as usize;
         let direction = |beam| {
             let (sin, cos) = (pose.yaw_rad + geometry.bearing_rad(beam)).sin_cos();
@@ -31,6 +34,7 @@ impl View {
         };
         Self {
             spec: spec.clone(),
+            aside_deg,
             origin: [pose.x_m, pose.y_m],
             yaw_rad: pose.yaw_rad,
             angle_min_rad: geometry.angle_min_rad,
@@ -131,7 +135,7 @@ mod tests {
         spec.angle_min_deg = angle_min_deg;
         spec.angle_increment_deg = increment_deg;
         spec.beams = (360.0 / increment_deg.abs()) as u32;
-        View::new(&spec)
+        View::new(&spec, 0.0)
     }
 
     #[test]

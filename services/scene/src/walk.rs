@@ -75,7 +75,12 @@ pub(crate) struct Walk {
     pub path: Path,
     pub motion: Motion,
     pub gait: Gait,
+    /// Only there from, until, seconds; infinite unless the scene says.
+    pub present_s: (f64, f64),
 }
+
+/// Of somebody who is there as long as he moves.
+pub(crate) const ALWAYS_S: (f64, f64) = (f64::NEG_INFINITY, f64::INFINITY);
 
 /// Where a person is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,7 +103,8 @@ impl Walk {
     /// True if the person is in the scene: `[first, last)`.
     pub fn is_there(&self, t_s: f64) -> bool {
         let (first, last) = self.stay_s();
-        (first..last).contains(&t_s)
+        let (from, until) = self.present_s;
+        (first..last).contains(&t_s) && (from..until).contains(&t_s)
     }
 
     /// The time at which the body first reaches an arc length; none for a loop.
@@ -160,7 +166,8 @@ mod tests {
         let path = Path::open(&[[0.0, 0.0], [30.0, 0.0]]);
         let motion = Motion::Knots(vec![(0.0, 0.0), (10.0, 0.0), (34.0, 30.0), (44.0, 30.0)]);
         let gait = Gait::draw(&mut stream(Purpose::Gait, &[seed]));
-        Walk { id: 0, origin: "test".to_owned(), path, motion, gait }
+        let (origin, present_s) = ("test".to_owned(), ALWAYS_S);
+        Walk { id: 0, origin, path, motion, gait, present_s }
     }
 
     #[test]

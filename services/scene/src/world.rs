@@ -2,7 +2,8 @@
 
 use crate::door::Door;
 use crate::error::SceneError;
-use crate::file::{Incident, LaserSpec, Scene};
+use crate::file::{Incident, LaserSpec, Scene, SensorModel};
+use crate::lms200::{self, RAYS_DEG};
 use crate::obstacle::{Obstacles, wall_segments};
 use crate::population::{Population, SLOT_S};
 use crate::seed::{Purpose, name_key, stream};
@@ -13,8 +14,8 @@ use crate::walk::Walk;
 use rand::RngExt;
 use serde::Serialize;
 
-/// Most lasers that a world keeps prepared; one more drops the one that was asked for first.
-const VIEWS_MAX: usize = 64;
+/// Most views that a world keeps prepared, three for each of 64 lasers; one more drops the oldest.
+const VIEWS_MAX: usize = 192;
 /// Times beyond are taken for this, seconds: 31 years each way of the anchor, still exact to 0.2
 /// us.
 const TIME_MAX_S: f64 = 1e9;
@@ -48,7 +49,8 @@ pub struct World {
     slot: Option<i64>,
     walks: Vec<Walk>,
     views: Vec<View>,
-    ranges_m: Vec<f64>,
+    /// Exact ranges of a scan; those of the model `plain` are in the middle.
+    rays_m: [Vec<f64>; 3],
 }
 
 /// What is really there at an instant.
@@ -118,7 +120,7 @@ impl World {
             slot: None,
             walks: Vec::new(),
             views: Vec::new(),
-            ranges_m: Vec::new(),
+            rays_m: Default::default(),
         })
     }
 
@@ -150,21 +152,44 @@ impl World {
     /// nothing once the laser is known and `out_m` is large enough, but for new people once a
     /// minute of the scene.
     pub fn scan(&mut self, laser: &LaserSpec, t_s: f64, out_m: &mut Vec<f32>) {
-        let mut ranges_m = std::mem::take(&mut self.ranges_m);
-        self.true_ranges(laser, t_s, &mut ranges_m);
+        let mut rays_m = std::mem::take(&mut self.rays_m);
         let (t_s, key) = (clamp(t_s), name_key(&laser.id));
         let mut noise = stream(Purpose::Noise, &[self.seed, key, nanoseconds(t_s)]);
-        let bias_m = self.scene.sensor.bias_m
-            * stream(Purpose::Bias, &[self.seed, key]).random_range(-1.0..=1.0);
-        sensor::measure(&self.scene.sensor, laser, bias_m, &mut noise, &ranges_m, out_m);
-        self.ranges_m = ranges_m;
+        let sensor = self.scene.sensor;
+        let bias_m =
+            sensor.bias_m * stream(Purpose::Bias, &[self.seed, key]).random_range(-1.0..=1.0);
+        match laser.model {
+            SensorModel::Plain => {
+                self.true_ranges(laser, t_s, &mut rays_m[1]);
+                sensor::measure(&sensor, laser, bias_m, &mut noise, &rays_m[1], out_m);
+            }
+            SensorModel::Lms200 => {
+                for (aside_deg, ray_m) in RAYS_DEG.into_iter().zip(&mut rays_m) {
+                    self.true_ranges_aside(laser, aside_deg, t_s, ray_m);
+                }
+                let blind = lms200::dazzled(laser, self.seed, key, t_s);
+                lms200::measure(&sensor, laser, bias_m, &mut noise, &blind, &rays_m, out_m);
+            }
+        }
+        self.rays_m = rays_m;
     }
 
     /// The exact distance along every beam, metres; +inf where nothing is.
     pub fn true_ranges(&mut self, laser: &LaserSpec, t_s: f64, out_m: &mut Vec<f64>) {
+        self.true_ranges_aside(laser, 0.0, t_s, out_m);
+    }
+
+    /// As [`World::true_ranges`], along rays that are turned by `aside_deg` from the beams.
+    fn true_ranges_aside(
+        &mut self,
+        laser: &LaserSpec,
+        aside_deg: f64,
+        t_s: f64,
+        out_m: &mut Vec<f64>,
+    ) {
         let t_s = clamp(t_s);
         self.advance_to(t_s);
-        let index = self.view(laser);
+        let index = self.view(laser, aside_deg);
         let epoch = self.changes_s.partition_point(|&change| change <= t_s);
         if !self.views[index].is_of(epoch) {
             let there = || self.solids.iter().filter(|solid| solid.is_there(t_s));
@@ -219,14 +244,15 @@ impl World {
         Truth { t_s, people, doors: doors.collect(), objects: objects.collect() }
     }
 
-    fn view(&mut self, laser: &LaserSpec) -> usize {
-        if let Some(index) = self.views.iter().position(|view| view.spec == *laser) {
+    fn view(&mut self, laser: &LaserSpec, aside_deg: f64) -> usize {
+        let is_it = |view: &View| view.aside_deg == aside_deg && view.spec == *laser;
+        if let Some(index) = self.views.iter().position(is_it) {
             return index;
         }
         if self.views.len() == VIEWS_MAX {
             self.views.remove(0);
         }
-        self.views.push(View::new(laser));
+        self.views.push(View::new(laser, aside_deg));
         self.views.len() - 1
     }
 }

@@ -168,6 +168,21 @@ impl Canvas {
         }
     }
 
+    /// A circle line round (x, y), `width` pixels wide, edges smoothed.
+    pub fn ring(&mut self, x: f32, y: f32, radius: f32, width: f32, colour: Rgb) {
+        if let Some(vector) = &mut self.vector {
+            vector.ring(x, y, radius, width, colour);
+            return;
+        }
+        let reach = (radius + width).ceil().clamp(1.0, 8192.0) as i32 + 1;
+        for py in y.round() as i32 - reach..=y.round() as i32 + reach {
+            for px in x.round() as i32 - reach..=x.round() as i32 + reach {
+                let off = ((px as f32 - x).hypot(py as f32 - y) - radius).abs();
+                self.blend(px, py, colour, width / 2.0 + 0.5 - off);
+            }
+        }
+    }
+
     /// A convex polygon, corners in either sense, grown by `by` pixels, edges smoothed.
     pub fn polygon(&mut self, corners: &[[f32; 2]], by: f32, colour: Rgb) {
         if let Some(vector) = &mut self.vector {

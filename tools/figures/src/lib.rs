@@ -15,6 +15,7 @@
 //! | `change.rs` | [`share_change`]: one class of two collapsed maps |
 //! | `class_map.rs` | [`class_map`]: the classes at one instant |
 //! | `overview.rs` | [`overview`]: leading classes, lasers, events, and a panel per class |
+//! | `panels.rs` | [`panels`]: up to six maps on one page, two by two, one scale of colour |
 //! | `sheet.rs` | the page round a map: title, axes, scale bar, colour bar, legend, caption |
 //! | `view.rs` | the window of the grid that is shown, and metres to pixels |
 //! | `marks.rs` | lasers and events, with labels that keep clear of each other |
@@ -29,6 +30,7 @@ mod input;
 mod marks;
 mod overview;
 mod palette;
+mod panels;
 mod scale;
 mod share;
 mod sheet;
@@ -43,6 +45,7 @@ pub use input::{
     ShareMap, shares,
 };
 pub use overview::overview;
+pub use panels::{CircleMark, Panel, PanelSheet, panels};
 pub use share::class_share;
 
 /// Why a picture could not be made.

@@ -79,7 +79,7 @@ impl Sheet {
     }
 
     /// Left of the map: edge, axis title, the widest number.
-    fn left_px(face: &Face, view: &View) -> i32 {
+    pub fn left_px(face: &Face, view: &View) -> i32 {
         let widest = y_ticks(view).iter().map(|t| face.width(&t.1, SMALL_PX)).max().unwrap_or(0);
         PAD + 24 + widest + 8
     }

@@ -79,6 +79,16 @@ impl Vector {
         );
     }
 
+    /// A circle line, `width` pixels wide.
+    pub fn ring(&mut self, x: f32, y: f32, radius: f32, width: f32, colour: Rgb) {
+        let colour = hex(colour);
+        let _ = writeln!(
+            self.elements,
+            "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius:.2}\" fill=\"none\" stroke=\"{colour}\" \
+             stroke-width=\"{width:.2}\"/>"
+        );
+    }
+
     /// A polygon grown by `by` pixels.
     pub fn polygon(&mut self, corners: &[[f32; 2]], by: f32, colour: Rgb) {
         let points: Vec<String> = corners.iter().map(|[x, y]| format!("{x:.2},{y:.2}")).collect();

@@ -228,3 +228,47 @@ fn a_change_is_red_where_the_share_rose_and_its_place_is_listed() {
     let short = ChangeMap { after: vec![0.0], ..map };
     assert!(share_change(&short, &[], &[], &options).is_err());
 }
+
+fn page(grid: GridGeometry, count: usize) -> figures::PanelSheet {
+    let panel = |i: usize| figures::Panel {
+        share: (0..grid.cells()).map(|cell| if cell == 7 * i { 1.0 } else { 0.0 }).collect(),
+        caption: format!("({}) {i} second activity", char::from(b'a' + i as u8)),
+        circles: vec![figures::CircleMark { x_m: -1.0, y_m: 14.0, radius_m: 0.4 }],
+    };
+    figures::PanelSheet {
+        grid,
+        panels: (0..count).map(panel).collect(),
+        title: "Figure 4".into(),
+        subtitle: "20 min, one laser".into(),
+        caption: "The door is circled. ".into(),
+    }
+}
+
+#[test]
+fn panels_have_one_scale_and_nothing_is_cut_off() {
+    let grid = grid(30, 20);
+    let options = Options { plot_max_px: [330, 300], ..Options::default() };
+    for count in [1, 2, 3, 4, 6] {
+        let bytes = figures::panels(&page(grid, count), &[laser("a", -1.5, 13.0)], &options);
+        let picture = Picture::of(&bytes.unwrap());
+        assert!(picture.edge_is_blank(), "{count} panels");
+        // A full cell is 11 x 11 pixels in each panel; some rows of the colour bar are as yellow.
+        let cells = picture.find(YELLOW).len();
+        assert!((count * 121..count * 121 + 200).contains(&cells), "{count}: {cells}");
+        assert!(!picture.find([213, 94, 0]).is_empty(), "the circle");
+    }
+    let again = figures::panels(&page(grid, 4), &[], &options).unwrap();
+    assert_eq!(again, figures::panels(&page(grid, 4), &[], &options).unwrap());
+}
+
+#[test]
+fn pages_that_cannot_be_drawn_are_refused_in_words() {
+    let grid = grid(30, 20);
+    for count in [0, 7] {
+        let error = figures::panels(&page(grid, count), &[], &Options::default()).unwrap_err();
+        assert!(error.to_string().contains("1 to 6 expected"), "{error}");
+    }
+    let mut short = page(grid, 2);
+    short.panels[1].share.pop();
+    assert!(figures::panels(&short, &[], &Options::default()).is_err());
+}

@@ -202,6 +202,7 @@ fn hall() -> Scene {
             people: 30,
             speed_m_s: [1.1, 1.4],
             pause_s: [0.0, 4.0],
+            present_s: None,
         }],
         incidents: Vec::new(),
     };

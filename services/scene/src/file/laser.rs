@@ -20,7 +20,19 @@ pub struct Sensor {
     /// Share of readings that are lost to "no return" though something is there, 0..=1.
     pub dropout_share: f64,
     /// True: a spot of 12 mm + 4.4 mrad that straddles an edge may give a range between the two.
+    /// The model `lms200` has mixed pixels of its own.
     pub mixed_pixels: bool,
+}
+
+/// How a laser turns what is there into readings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorModel {
+    /// One ray a beam, and what [`Sensor`] says.
+    #[default]
+    Plain,
+    /// A SICK LMS 200: its wide spot, dazzle and dust besides. See the page of the `lms200` module.
+    Lms200,
 }
 
 impl Default for Sensor {
@@ -63,10 +75,13 @@ pub struct LaserSpec {
     /// Readings at or above this are "no return", metres.
     #[serde(default = "range_max_m")]
     pub range_max_m: f64,
+    /// What it makes of what is there.
+    #[serde(default)]
+    pub model: SensorModel,
 }
 
 impl LaserSpec {
-    /// An LMS 200 at a pose: 181 beams of 1 degree, 8 m.
+    /// The beams of an LMS 200 at a pose: 181 of 1 degree, 8 m; the plain sensor model.
     #[must_use]
     pub fn lms200(id: &str, x_m: f64, y_m: f64, yaw_deg: f64) -> Self {
         Self {
@@ -79,6 +94,7 @@ impl LaserSpec {
             beams: beams(),
             range_min_m: range_min_m(),
             range_max_m: range_max_m(),
+            model: SensorModel::Plain,
         }
     }
 

@@ -9,7 +9,7 @@ use protocol::time::SECOND_NS;
 use serde::{Deserialize, Serialize};
 
 pub use door::{Opening, SlidingDoor, SlidingLeaf, SwingDoor};
-pub use laser::{LaserSpec, Sensor};
+pub use laser::{LaserSpec, Sensor, SensorModel};
 pub use people::{Incident, Loop, Route, RoutePoint, Wander};
 
 mod door;

@@ -51,6 +51,9 @@ pub struct Loop {
     /// Every walker aims at points within this radius of the corners, metres.
     #[serde(default = "spread_m")]
     pub spread_m: f64,
+    /// They are there from, until, seconds; for ever if absent.
+    #[serde(default)]
+    pub present_s: Option<[f64; 2]>,
 }
 
 /// People who stay, and wander between places that see each other.
@@ -69,6 +72,9 @@ pub struct Wander {
     /// Stands at a place for so long: shortest and longest, seconds.
     #[serde(default)]
     pub pause_s: [f64; 2],
+    /// They are there from, until, seconds; for ever if absent.
+    #[serde(default)]
+    pub present_s: Option<[f64; 2]>,
 }
 
 /// A single scripted event. Without a time it is only prepared:

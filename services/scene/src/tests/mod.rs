@@ -352,3 +352,48 @@ proptest! {
         let _ = Scene::parse(&text, "any");
     }
 }
+
+#[test]
+fn people_with_a_window_are_there_in_it_and_not_outside() {
+    let scene = minimal(
+        "[[loop]]\nid = \"four\"\npeople = 4\npresent_s = [45.0, 225.0]\n\
+         points_m = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0]]\n\
+         [[wander]]\nid = \"one\"\npeople = 1\npresent_s = [0.0, 45.0]\n\
+         points_m = [[-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]]\n",
+    );
+    let mut world = World::new(scene.unwrap(), 4).unwrap();
+    for (t, expected) in [(-0.1, 0), (0.0, 1), (44.9, 1), (45.0, 4), (224.9, 4), (225.0, 0)] {
+        assert_eq!(world.truth(t).people.len(), expected, "at {t}");
+    }
+    let refused = minimal(
+        "[[loop]]\nid = \"four\"\npeople = 4\npresent_s = [9.0, 1.0]\n\
+         points_m = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0]]\n",
+    );
+    assert!(refused.unwrap_err().to_string().contains("present_s is [9, 1], expected [low, high]"));
+}
+
+#[test]
+fn a_device_sees_phantoms_at_edges_that_the_plain_model_does_not() {
+    let body = |model: &str| {
+        format!(
+            "[[box]]\ncentre_m = [2.0, 0.0]\nsize_m = [0.4, 0.3]\n\
+             [[wall]]\npoints_m = [[2.3, -3.0], [2.3, 3.0]]\n\
+             [[laser]]\nid = \"l\"\nx_m = 0.0\ny_m = 0.0\nyaw_deg = 0.3\n{model}\n"
+        )
+    };
+    let between = |model: &str| {
+        let scene = minimal(&body(model)).unwrap();
+        let laser = scene.lasers[0].clone();
+        let mut world = World::new(scene, 1).unwrap();
+        let ranges = scan(&mut world, &laser, 1.0);
+        (0..181)
+            .filter(|&beam| {
+                let bearing = (f64::from(beam) - 90.0 + 0.3).to_radians();
+                let x = f64::from(ranges[beam as usize]) * bearing.cos();
+                bearing.abs() < 0.2 && (1.83..2.27).contains(&x)
+            })
+            .count()
+    };
+    assert_eq!(between(""), 0);
+    assert!((1..=2).contains(&between("model = \"lms200\"")), "one at each edge at most");
+}

@@ -34,7 +34,7 @@ fn a_wrong_file_is_refused_in_words() {
     );
     assert!(crowd.unwrap_err().to_string().contains("1000 people at once"));
     let unknown = Scene::builtin("attic").unwrap_err().to_string();
-    assert!(unknown.contains("`attic`") && unknown.contains("foyer, room"), "{unknown}");
+    assert!(unknown.contains("`attic`") && unknown.contains("foyer, paper-foyer"), "{unknown}");
     let none = Scene::builtin("room").unwrap().staged("fire", 0.0).unwrap_err().to_string();
     assert!(none.contains("`fire`") && none.contains("chair-moved"), "{none}");
 }
