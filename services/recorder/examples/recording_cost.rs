@@ -1,5 +1,5 @@
 //! What recording costs: the scans of W1r (four lasers, 75 Hz) through encoder, tape and disk, CPU
-//! time a recorded second. `cargo run --release -p recorder --example cost -- [SECONDS]
+//! time a recorded second. `cargo run --release -p recorder --example recording_cost -- [SECONDS]
 //! [DIRECTORY]`
 //!
 //! The scans are imagined beforehand, a second at a time, so that imagining them is not measured. A
