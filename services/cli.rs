@@ -52,6 +52,9 @@ pub enum Verb {
     /// Print the JSON Schema of the site file, for editors.
     #[command(after_help = "Examples:\n  tog schema > site.schema.json")]
     Schema,
+    /// The way of a running site to its other hosts (started by `tog run`).
+    #[command(hide = true)]
+    Bridge(Worker),
     /// The recorder of a running site (started by `tog run`).
     #[command(hide = true)]
     Recorder(Worker),
@@ -143,6 +146,7 @@ pub enum PresetName {
 Examples:
   tog run deploy/foyer.toml
   tog run building.toml --seconds 600
+  tog run building.toml --host edge     what the site file places on this host, and the way to the others
 
 Exit code 0: ended by Ctrl-C, SIGTERM, --seconds or the end of the recordings. 78: the site file is
 wrong. 1: a service could not be kept running; it is named with its own last lines.")]
@@ -150,6 +154,13 @@ wrong. 1: a service could not be kept running; it is named with its own last lin
 pub struct Run {
     /// The site file.
     pub site: PathBuf,
+    /// Which host of the site file this is; needed if it names several.
+    #[arg(long, value_name = "HOST")]
+    pub host: Option<String>,
+    /// When the recordings begin, the same on all hosts: 2026-11-26T10:00:00Z. Needed where several
+    /// hosts replay.
+    #[arg(long, value_name = "TIME")]
+    pub replay_at: Option<String>,
     /// End by itself after so many seconds.
     #[arg(long, value_name = "N")]
     pub seconds: Option<u64>,
@@ -228,6 +239,9 @@ Examples:
 pub struct AlertsList {
     /// The site file.
     pub site: PathBuf,
+    /// The journal of this host, where the site file names several; of the first desk unless set.
+    #[arg(long, value_name = "HOST")]
+    pub host: Option<String>,
     /// At most so many, the newest.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub last: usize,

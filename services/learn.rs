@@ -13,6 +13,7 @@ use process::{exit, wall_ns};
 use protocol::scan::LaserScan;
 use protocol::site::{Site, Source};
 use protocol::time::SECOND_NS;
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -73,11 +74,16 @@ pub fn run(arguments: &Learn) -> ExitCode {
 /// # Errors
 /// If a laser is not simulated, or the results cannot be written.
 pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<(), LearnError> {
-    let state_dir = base_dir.join(&site.state_dir);
-    fs::create_dir_all(&state_dir)
-        .map_err(|source| LearnError::Write { path: state_dir.clone(), source })?;
-    let _lock = process::StateLock::take(&state_dir)?;
+    let of_area = |area| base_dir.join(site.state_dir_of(site.host_of_area(area)));
+    let state_dirs: BTreeSet<PathBuf> = site.areas.iter().map(of_area).collect();
+    let mut locks = Vec::new();
+    for state_dir in &state_dirs {
+        fs::create_dir_all(state_dir)
+            .map_err(|source| LearnError::Write { path: state_dir.clone(), source })?;
+        locks.push(process::StateLock::take(state_dir)?);
+    }
     for area_index in 0..site.areas.len() {
+        let state_dir = of_area(&site.areas[area_index]);
         let mut pipeline = Pipeline::new(site, area_index)?;
         let detector = &pipeline.area.detector;
         let past_s = detector.learning_s + detector.calibration_s + MARGIN_S;

@@ -1,7 +1,7 @@
 //! Verbs of a site: run, status, alerts, check, schema.
 
 use crate::cli::{AlertsList, AlertsWatch, Check, Format, Run, Status};
-use crate::{fail, site_file};
+use crate::{fail, placement, site_file};
 use process::instance::{default_run_root, run_dir_of};
 use process::plan::Plan;
 use process::{EventLoop, Role, exit};
@@ -22,9 +22,9 @@ pub fn base_dir(site_file: &Path) -> PathBuf {
     absolute.parent().map(Path::to_owned).unwrap_or_default()
 }
 
-/// Where a site keeps its journal.
-fn journal(site: &Site, site_file: &Path) -> PathBuf {
-    base_dir(site_file).join(&site.state_dir).join(alerts::JOURNAL_FILE)
+/// Where a site keeps the journal of a host.
+fn journal(site: &Site, host: Option<&str>, site_file: &Path) -> PathBuf {
+    base_dir(site_file).join(site.state_dir_of(host)).join(alerts::JOURNAL_FILE)
 }
 
 /// `tog run`.
@@ -38,6 +38,15 @@ pub fn run(arguments: &Run) -> ExitCode {
                     live site has no end at which results could be complete";
         return fail(exit::USAGE, text);
     }
+    let host = match placement::host_to_run(&site, arguments.host.as_deref()) {
+        Ok(host) => host,
+        Err(reason) => return fail(exit::USAGE, reason),
+    };
+    let replay_at_ns = match placement::replay_at_ns(&site, arguments.replay_at.as_deref()) {
+        Ok(replay_at_ns) => replay_at_ns,
+        Err(reason) => return fail(exit::USAGE, reason),
+    };
+    placement::warn_of_plain_tcp(&site);
     let base_dir = base_dir(&arguments.site);
     let replay_start_ns = match laser::site::replay_begin_ns(&site, &base_dir) {
         Ok(begin_ns) => begin_ns,
@@ -56,6 +65,8 @@ pub fn run(arguments: &Run) -> ExitCode {
     }
     let options = supervisor::Options {
         base_dir: base_dir.clone(),
+        host,
+        replay_at_ns,
         out_dir: out_dir.clone(),
         seconds: arguments.seconds.map(|seconds| seconds as f64),
         replay_start_ns,
@@ -100,8 +111,12 @@ pub fn alerts_list(arguments: &AlertsList) -> ExitCode {
         Ok(site) => site,
         Err(code) => return code,
     };
+    let host = match placement::host_to_ask(&site, arguments.host.as_deref()) {
+        Ok(host) => host,
+        Err(reason) => return fail(exit::USAGE, reason),
+    };
     let options = alerts::ListOptions {
-        journal: journal(&site, &arguments.site),
+        journal: journal(&site, host, &arguments.site),
         timezone: site.timezone.clone(),
         filter: alerts::Filter {
             area: arguments.area.clone(),
@@ -160,7 +175,11 @@ pub fn check(arguments: &Check) -> ExitCode {
     }
     // What looks like a mistake goes to stderr, as the warnings of the site file do.
     let _ = write!(std::io::stderr(), "{remarks}");
-    let (plan, roles) = (Plan::new(&site), Role::all(&site));
+    if !site.hosts.is_empty() {
+        placement::warn_of_plain_tcp(&site);
+        return write_out(&placement::plan(&site, arguments.format), exit::OK);
+    }
+    let (plan, roles) = (Plan::new(&site, None), Role::all(&site, None));
     let text = match arguments.format {
         Format::Text => plan_text(&site, &plan, &roles),
         Format::Json => {

@@ -8,6 +8,7 @@
 
 use crate::event::{EventAcknowledgement, EventChange};
 use crate::health::Health;
+use crate::link::{CarriedScan, EventPage};
 use crate::scan::LaserScan;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -208,4 +209,28 @@ impl Encoded for Health {
     const KIND: u8 = 4;
     const VERSION: u8 = 1;
     const NAME: &'static str = "Health";
+}
+
+impl Encoded for CarriedScan {
+    const KIND: u8 = 5;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "CarriedScan";
+
+    fn check(&self) -> Result<(), String> {
+        self.scan.as_ref().map_or(Ok(()), LaserScan::check)
+    }
+}
+
+impl Encoded for EventPage {
+    const KIND: u8 = 6;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "EventPage";
+
+    fn check(&self) -> Result<(), String> {
+        self.check_order()?;
+        self.rows.iter().try_for_each(|row| {
+            row.change.check()?;
+            row.change.check_fields()
+        })
+    }
 }

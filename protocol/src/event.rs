@@ -10,6 +10,9 @@ use serde::{Deserialize, Serialize};
 /// Longest text of a change, bytes: a few sentences. Longer texts are refused by the codec.
 pub const TEXT_BYTES_MAX: usize = 2000;
 
+/// Longest name of an origin, area, zone or event, bytes. The site file allows 32 for an id.
+pub const NAME_BYTES_MAX: usize = 256;
+
 /// Header of an encoded [`EventChange`] in shared memory.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
@@ -141,6 +144,52 @@ pub struct EventChange {
     pub extrapolated: bool,
     /// What was seen against what is normal, in words a guard reads.
     pub text: String,
+}
+
+impl EventChange {
+    /// Bounds that a journal needs and the codec does not know.
+    ///
+    /// # Errors
+    /// A sentence with what was found and what was expected.
+    pub fn check_fields(&self) -> Result<(), String> {
+        let zone = self.zone.as_deref().unwrap_or_default();
+        let names = [
+            ("origin", self.origin.as_str()),
+            ("id", &self.id),
+            ("area", &self.area),
+            ("zone", zone),
+        ];
+        for (field, name) in names {
+            if name.len() > NAME_BYTES_MAX {
+                let found = name.len();
+                return Err(format!("{field} of {found} bytes, expected at most {NAME_BYTES_MAX}"));
+            }
+            if name.chars().any(char::is_control) {
+                return Err(format!("{field} {name:?} holds control characters"));
+            }
+        }
+        if self.origin.is_empty() || self.id.is_empty() {
+            return Err("an empty origin or id, expected a name".to_owned());
+        }
+        if self.sequence == 0 {
+            return Err("sequence 0, expected numbers from 1".to_owned());
+        }
+        // SQLite's integers end here; a stamp of the year 2262 is an error, not a time.
+        let numbers = [self.sequence, self.stamp_ns, self.first_evidence_ns];
+        match numbers.into_iter().find(|&number| number >= i64::MAX as u64) {
+            Some(number) => {
+                Err(format!("{number} as a sequence or stamp, expected below 2^63 - 1"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Origin of the faults that the journal of a host tells of itself: `host.alerts`, and
+/// `host.<host>.alerts` where a site has several hosts. No area has a dot in its id.
+#[must_use]
+pub fn journal_origin(host: Option<&str>) -> String {
+    host.map_or_else(|| "host.alerts".to_owned(), |host| format!("host.{host}.alerts"))
 }
 
 /// From the journal to an origin: everything up to `sequence` is on disk; send what comes after.

@@ -8,7 +8,9 @@
 //! | [`grid::CollapsedMapHeader`] + `[u64]` | mapper | anomaly | at start, then each checkpoint | 8 B a cell and class |
 //! | [`event::EventChange`] (encoded) | anomaly | alerts | rare | < 4 kB |
 //! | [`event::EventAcknowledgement`] (encoded) | alerts | anomaly | with events | < 100 B |
-//! | [`health::Health`] (encoded) | all | supervisor | 1 Hz and on change | < 64 kB |
+//! | [`health::Health`] (encoded) | all | supervisor, bridge | 1 Hz and on change | < 64 kB |
+//! | [`link::CarriedScan`] (encoded) | bridge of the laser's host | bridge of the area's host | as scans | 4 B a beam |
+//! | [`link::EventPage`] (encoded) | bridge of every host | bridges of the desks | 1 Hz and with events | < 256 kB |
 //!
 //! Versioning: a shared-memory header carries its version in `Header::TYPE_NAME`, an encoded message
 //! in its envelope ([`codec`]). Any change that a reader of the old layout would misread takes a new
@@ -22,6 +24,7 @@
 //! | [`codec`] | the envelope of everything that is encoded: network, journal, events, health |
 //! | [`time`], [`geometry`] | the lattice of frames; the one owner of metres <-> cells |
 //! | [`scan`], [`frame`], [`grid`], [`event`], [`health`] | the messages |
+//! | [`link`] | what only bridges say to each other |
 //!
 //! Invariants: nothing here reads a file, a clock or an environment; no decoder and no parser panics,
 //! whatever the bytes (property tests beside this crate, fuzz targets in `tests/fuzz`); the bytes of
@@ -33,6 +36,7 @@ pub mod frame;
 pub mod geometry;
 pub mod grid;
 pub mod health;
+pub mod link;
 pub mod scan;
 pub mod site;
 pub mod time;

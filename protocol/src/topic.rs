@@ -9,6 +9,15 @@
 //! | `event` | event changes | anomaly of each area, supervisor | alerts, recorder, bridge |
 //! | `event-ack` | acknowledgements | alerts | anomaly, supervisor |
 //! | `health` | health | everybody | supervisor, bridge |
+//!
+//! Between hosts, as keys of zenoh (ids of a site file are chunks of keys as they are):
+//!
+//! | key | message | from | to |
+//! |---|---|---|---|
+//! | `tog/<site>/<host>/scan/<laser>` | `CarriedScan` | the laser's host | the area's host |
+//! | `tog/<site>/<host>/health` | `Health` | every host | every host |
+//! | `tog/<site>/<host>/event/live` | `EventPage` | every host | desks |
+//! | `tog/<site>/<host>/event/log?after=<n>` | `EventPage`, one reply | every host | who asks |
 
 use crate::event::EventHeader;
 use crate::frame::FrameHeader;
@@ -99,4 +108,28 @@ pub fn event_acknowledgement() -> Topic<BytesHeader, u8> {
 #[must_use]
 pub fn health() -> Topic<BytesHeader, u8> {
     Topic::new("health".to_owned(), BYTES_MAX)
+}
+
+/// Key of the scans of a laser between hosts.
+#[must_use]
+pub fn scan_key(site: &str, host: &str, laser: &str) -> String {
+    format!("tog/{site}/{host}/scan/{laser}")
+}
+
+/// Key of the health of all services of a host.
+#[must_use]
+pub fn health_key(site: &str, host: &str) -> String {
+    format!("tog/{site}/{host}/health")
+}
+
+/// Key of the events of a host as they come, and of the head of its journal.
+#[must_use]
+pub fn live_key(site: &str, host: &str) -> String {
+    format!("tog/{site}/{host}/event/live")
+}
+
+/// Key under which the journal of a host answers.
+#[must_use]
+pub fn log_key(site: &str, host: &str) -> String {
+    format!("tog/{site}/{host}/event/log")
 }

@@ -198,7 +198,9 @@ fn played(site: Site, path: &Path, topics: &[String], rate: f64) -> Result<Site,
     }
     let mut name = site.name.clone();
     name.truncate(NAME_CHARS_MAX - PLAYED.len()); // ASCII, as the site file has it
-    Ok(Site { name: name + PLAYED, state_dir: "state".to_owned(), recorder: None, lasers, ..site })
+    let state_dir = "state".to_owned();
+    let played = Site { name: name + PLAYED, state_dir, recorder: None, lasers, ..site };
+    Ok(played.on_one_host())
 }
 
 /// The topic of a laser: what its site file says, what our recorder calls it, what it is called

@@ -8,11 +8,13 @@
 //! | `events`, `feed` | who tells is killed while there is something to tell |
 //! | `removed` | files of a site that runs are removed; a second site on its state |
 //! | `recorder` | a recorder that is killed, or has no room |
+//! | `bridge` | two hosts: bridges that are killed, a desk that was away |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
 //!
 //! `TOG_NIGHTLY=1` runs the long variants (400 kills: five minutes), `TOG_SEED=n` other moments. The full
 //! disk needs the right to mount, else that test says that it is skipped.
 
+mod bridge;
 mod damage;
 mod disk;
 mod events;

@@ -14,6 +14,10 @@ pub struct Area {
     /// Name of the area, unique in the site: letters, digits, `-`, `_`; at most 32.
     #[schemars(regex(pattern = ID_PATTERN))]
     pub id: String,
+    /// Id of the host that runs this area; needed if the site has hosts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(regex(pattern = ID_PATTERN))]
+    pub host: Option<String>,
     /// Lower left corner in site coordinates, metres.
     #[schemars(inner(range(min = -100_000.0, max = 100_000.0)))]
     pub origin_m: [f64; 2],

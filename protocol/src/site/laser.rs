@@ -15,6 +15,10 @@ pub struct Laser {
     /// Id of the area that it watches.
     #[schemars(regex(pattern = ID_PATTERN))]
     pub area: String,
+    /// Id of the host that runs this laser; that of its area unless set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(regex(pattern = ID_PATTERN))]
+    pub host: Option<String>,
     /// Site x of the laser, metres.
     #[schemars(range(min = -100_000.0, max = 100_000.0))]
     pub x_m: f64,

@@ -11,7 +11,7 @@
 //!
 //! | where | what |
 //! |---|---|
-//! | `laser` `area` `class` `place` `recorder` | the types |
+//! | `laser` `area` `class` `place` `recorder` `host` | the types |
 //! | `tree` | the parsed text with the place of every value |
 //! | `check` | tree against schema |
 //! | `rules` | tree against itself: ids, references, lengths, times |
@@ -22,6 +22,7 @@ mod area;
 mod check;
 mod class;
 mod diagnostics;
+mod host;
 mod laser;
 mod place;
 mod recorder;
@@ -33,6 +34,7 @@ mod words;
 pub use area::{Area, Detector};
 pub use class::{ClassPrototype, Preset};
 pub use diagnostics::{DIAGNOSTICS_MAX, Diagnostic, Diagnostics, Severity};
+pub use host::{HOSTS_MAX, Host, Transport};
 pub use laser::{Laser, NoReturn, Pace, Source};
 pub use place::{Context, Weekday, Zone, minute_of_day};
 pub use recorder::{RecordedTopics, Recorder};
@@ -77,6 +79,10 @@ pub struct Site {
     /// Records what the site sees and says; off unless this section is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorder: Option<Recorder>,
+    /// The hosts of a site that has several; without them everything runs on one host.
+    #[serde(default, rename = "host", skip_serializing_if = "Vec::is_empty")]
+    #[schemars(length(max = HOSTS_MAX))]
+    pub hosts: Vec<Host>,
     /// The areas that are watched.
     #[serde(rename = "area")]
     #[schemars(length(min = 1, max = AREAS_MAX))]

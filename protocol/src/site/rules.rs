@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 
 mod areas;
 mod contexts;
+mod hosts;
 mod lasers;
 mod recorder;
 
@@ -29,6 +30,7 @@ pub(super) fn check(root: &Node<'_>) -> Vec<Finding> {
     areas::check(&areas, &mut findings);
     lasers::check(&areas, &lasers, &mut findings);
     recorder::check(root, &mut findings);
+    hosts::check(root, &areas, &lasers, &mut findings);
     findings
 }
 

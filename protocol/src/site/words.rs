@@ -1,5 +1,6 @@
 //! How values and expectations are said, and what a mistyped word may have meant.
 
+use super::host::{ENDPOINT_PATTERN, is_endpoint};
 use super::minute_of_day;
 use super::{ID_PATTERN, TIME_PATTERN};
 use serde_json::Value;
@@ -38,10 +39,11 @@ pub(super) fn found(value: &DeValue<'_>) -> String {
 /// A pattern of the schema: how it is tested and said. `(pattern, test, words)`.
 type Pattern = (&'static str, fn(&str) -> bool, &'static str);
 
-/// The patterns that the schema uses; a regular expression engine for two of them would be idle.
-pub(super) const PATTERNS: [Pattern; 2] = [
+/// The patterns that the schema uses; a regular expression engine for three of them would be idle.
+pub(super) const PATTERNS: [Pattern; 3] = [
     (ID_PATTERN, is_id, "1 to 32 letters, digits, `-` or `_`"),
     (TIME_PATTERN, |text| minute_of_day(text).is_some(), "a time from \"00:00\" to \"23:59\""),
+    (ENDPOINT_PATTERN, is_endpoint, "an address and a port, as \"10.0.0.7:7447\""),
 ];
 
 /// Whether a text is an id of a site file: 1 to 32 letters, digits, `-` or `_`.

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use protocol::codec::{BODY_BYTES_MAX, DecodeError, ENVELOPE_BYTES, Encoded, decode, encode};
 use protocol::event::{EventAcknowledgement, EventChange};
 use protocol::health::Health;
+use protocol::link::{CarriedScan, EventPage, PAGE_ROWS_MAX};
 use protocol::scan::{BEAMS_MAX, LaserScan};
 use std::fmt::Debug;
 
@@ -90,6 +91,10 @@ proptest! {
         any_body::<EventChange>(&bytes);
         any_body::<EventAcknowledgement>(&bytes);
         any_body::<Health>(&bytes);
+        let _ = decode::<CarriedScan>(&bytes);
+        let _ = decode::<EventPage>(&bytes);
+        any_body::<CarriedScan>(&bytes);
+        any_body::<EventPage>(&bytes);
     }
 }
 
@@ -99,6 +104,8 @@ fn a_message_that_is_cut_anywhere_says_that_it_is_cut() {
     cut_anywhere(&samples::event());
     cut_anywhere(&samples::acknowledgement());
     cut_anywhere(&samples::health());
+    cut_anywhere(&samples::carried_scan());
+    cut_anywhere(&samples::event_page());
 }
 
 #[test]
@@ -107,6 +114,8 @@ fn a_flipped_bit_is_never_a_panic_and_in_the_envelope_never_unseen() {
     flip_everywhere(&samples::event());
     flip_everywhere(&samples::acknowledgement());
     flip_everywhere(&samples::health());
+    flip_everywhere(&samples::carried_scan());
+    flip_everywhere(&samples::event_page());
 }
 
 #[test]
@@ -183,4 +192,20 @@ fn a_body_that_claims_a_list_longer_than_itself_is_refused() {
     bytes.extend((body.len() as u32).to_le_bytes());
     bytes.extend(&body);
     assert!(matches!(decode::<LaserScan>(&bytes), Err(DecodeError::Body { .. })));
+}
+
+#[test]
+fn a_page_whose_rows_do_not_follow_each_other_is_refused() {
+    let refused = |edit: fn(&mut EventPage)| {
+        let mut page = samples::event_page();
+        edit(&mut page);
+        encode(&page).unwrap_err().to_string()
+    };
+    let told = refused(|page| page.after = 8);
+    assert!(told.contains("row 8 behind row 8 of a journal that ends at 9"), "{told}");
+    assert!(refused(|page| page.head = 7).contains("ends at 7"));
+    assert!(refused(|page| page.rows.push(page.rows[0].clone())).contains("row 8 behind row 8"));
+    let told = refused(|page| page.rows = vec![page.rows[0].clone(); PAGE_ROWS_MAX + 1]);
+    assert!(told.contains("65 rows in a page, expected at most 64"), "{told}");
+    assert!(refused(|page| page.rows[0].change.sequence = 0).contains("numbers from 1"));
 }

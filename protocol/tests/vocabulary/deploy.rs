@@ -76,7 +76,7 @@ fn a_simulated_site_has_the_geometry_of_its_scene() {
             compared += 1;
         }
     }
-    assert_eq!(compared, 6);
+    assert_eq!(compared, 10);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 
 mod broken;
 mod broken_areas;
+mod broken_hosts;
 mod broken_keys;
 mod broken_lasers;
 mod broken_recorder;

@@ -4,6 +4,7 @@ use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::{Fault, Health, ServiceState};
+use protocol::link::{CarriedScan, EventPage, EventRow};
 use protocol::scan::{LaserScan, ScanGeometry};
 
 /// 2026-01-02 03:04:05.678 UTC.
@@ -46,6 +47,15 @@ pub fn event() -> EventChange {
 
 pub fn acknowledgement() -> EventAcknowledgement {
     EventAcknowledgement { origin: "foyer".into(), sequence: 300 }
+}
+
+pub fn carried_scan() -> CarriedScan {
+    CarriedScan { session: STAMP_NS, seq: 300, scan: Some(scan()) }
+}
+
+pub fn event_page() -> EventPage {
+    let row = EventRow { journal_id: 8, change: event() };
+    EventPage { epoch: STAMP_NS, after: 7, head: 9, rows: vec![row] }
 }
 
 pub fn health() -> Health {

@@ -49,6 +49,22 @@ fn health_of_version_1_has_these_bytes() {
          a7 a4 de b2 c3 18");
 }
 
+#[test]
+fn a_carried_scan_of_version_1_has_these_bytes() {
+    check(&samples::carried_scan(), "54 47 05 01 47 00 00 00 80 cf fe a7 a4 de b2 c3 18 ac 02 01 80 cf fe a7 a4 de b2 c3 18 2a 00 00
+         00 00 00 00 f8 bf 00 00 00 00 00 00 d0 3f 00 00 00 00 00 00 c0 3f 00 00 00 00 00 00 20 40 04 00
+         00 80 3f 00 00 80 7f 00 00 80 ff 00 00 00 3f");
+}
+
+#[test]
+fn a_page_of_events_of_version_1_has_these_bytes() {
+    check(&samples::event_page(), "54 47 06 01 8e 00 00 00 80 cf fe a7 a4 de b2 c3 18 07 09 01 08 05 66 6f 79 65 72 07 07 66 6f 79
+         65 72 2d 33 01 01 80 cf fe a7 a4 de b2 c3 18 80 df f8 cd f7 dd b2 c3 18 05 66 6f 79 65 72 01 04
+         64 6f 6f 72 00 00 00 00 00 00 f8 3f 00 00 00 00 00 00 02 c0 00 00 00 00 00 00 f0 3f 00 00 00 00
+         00 00 04 c0 00 00 00 00 00 00 00 40 00 00 00 00 00 00 00 c0 00 00 00 00 00 00 29 40 00 00 00 00
+         00 00 24 40 01 10 53 6f 6d 65 62 6f 64 79 20 73 74 61 6e 64 73 2e");
+}
+
 /// Variants are numbers on the wire: a new one is appended, none is removed or moved.
 #[test]
 fn the_numbers_and_names_of_all_variants_stay() {

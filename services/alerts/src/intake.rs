@@ -17,8 +17,6 @@ pub const HELD_MAX: usize = 256;
 /// How long a hole is waited for: an origin sends what is not acknowledged again every 5 s, and one
 /// that restarts is back within 2 s; so it had two chances.
 pub const GAP_WAIT_NS: u64 = 12 * protocol::time::SECOND_NS;
-/// Longest name of an origin, area, zone or event, bytes. The site file allows 32 for an id.
-pub const NAME_BYTES_MAX: usize = 256;
 
 /// What became of a change.
 #[derive(Debug, Clone, PartialEq)]
@@ -98,7 +96,7 @@ impl Intake {
         self.origins.iter().map(|(origin, known)| (origin.as_str(), known.next))
     }
 
-    /// Takes a change that passed [`check`].
+    /// Takes a change that passed [`EventChange::check_fields`].
     pub fn offer(&mut self, change: EventChange, mono_ns: u64) -> Offered {
         if !self.origins.contains_key(&change.origin) {
             if self.origins.len() >= ORIGINS_MAX {
@@ -147,41 +145,6 @@ impl Intake {
             given_up.push(GivenUp { origin: name.clone(), first, last: sequence - 1, ready });
         }
         given_up
-    }
-}
-
-/// Bounds of a change that its codec does not know.
-///
-/// # Errors
-/// A sentence with what was found and what was expected.
-pub fn check(change: &EventChange) -> Result<(), String> {
-    let zone = change.zone.as_deref().unwrap_or_default();
-    let names = [
-        ("origin", change.origin.as_str()),
-        ("id", &change.id),
-        ("area", &change.area),
-        ("zone", zone),
-    ];
-    for (field, name) in names {
-        if name.len() > NAME_BYTES_MAX {
-            let found = name.len();
-            return Err(format!("{field} of {found} bytes, expected at most {NAME_BYTES_MAX}"));
-        }
-        if name.chars().any(char::is_control) {
-            return Err(format!("{field} {name:?} holds control characters"));
-        }
-    }
-    if change.origin.is_empty() || change.id.is_empty() {
-        return Err("an empty origin or id, expected a name".to_owned());
-    }
-    if change.sequence == 0 {
-        return Err("sequence 0, expected numbers from 1".to_owned());
-    }
-    // SQLite's integers end here; a stamp of the year 2262 is an error, not a time.
-    let numbers = [change.sequence, change.stamp_ns, change.first_evidence_ns];
-    match numbers.into_iter().find(|&number| number >= i64::MAX as u64) {
-        Some(number) => Err(format!("{number} as a sequence or stamp, expected below 2^63 - 1")),
-        None => Ok(()),
     }
 }
 
@@ -250,9 +213,9 @@ mod tests {
         let broken = |edit: fn(&mut EventChange)| {
             let mut change = change("foyer", 1);
             edit(&mut change);
-            check(&change).unwrap_err()
+            change.check_fields().unwrap_err()
         };
-        assert_eq!(check(&change("foyer", 1)), Ok(()));
+        assert_eq!(change("foyer", 1).check_fields(), Ok(()));
         assert!(broken(|change| change.sequence = 0).contains("from 1"));
         assert!(broken(|change| change.origin.clear()).contains("empty"));
         assert!(broken(|change| change.stamp_ns = u64::MAX).contains("2^63"));

@@ -8,7 +8,7 @@ use crate::words;
 use jiff::tz::TimeZone;
 use process::{Failure, Latencies, Publisher, Subscriber, Worker, monotonic_ns, wall_ns};
 use protocol::codec;
-use protocol::event::{EventAcknowledgement, EventChange, EventHeader};
+use protocol::event::{EventAcknowledgement, EventChange, EventHeader, journal_origin};
 use protocol::health::ServiceState;
 use protocol::time::MILLISECOND_NS;
 use protocol::topic;
@@ -31,7 +31,8 @@ const FAULT_CODES: [&str; 2] = ["journal_unwritable", "sequence_reused"];
 pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let zone = words::time_zone(&worker.site.timezone).map_err(config)?;
     let path = worker.instance.state_dir.join(JOURNAL_FILE);
-    let (keeper, report) = Keeper::open(&path, now()).map_err(config)?;
+    let origin = journal_origin(worker.instance.host.as_deref());
+    let (keeper, report) = Keeper::open_as(&origin, &path, now()).map_err(config)?;
     let mut service = Service {
         zone,
         keeper,
@@ -158,8 +159,11 @@ impl Service {
     /// as many messages for late readers as the site has origins, so all of them are said each
     /// time: a restarted origin finds its own.
     fn acknowledge(&mut self, wanted: Vec<EventAcknowledgement>, worker: &Worker) {
+        let hosts = worker.site.hosts.iter().map(|host| Some(host.id.as_str()));
+        let journals: Vec<String> = hosts.map(journal_origin).collect();
+        let areas = worker.site.areas.iter().map(|area| area.id.as_str());
         let of_site: Vec<&str> =
-            worker.site.areas.iter().map(|area| area.id.as_str()).chain([HOST]).collect();
+            areas.chain([HOST]).chain(journals.iter().map(String::as_str)).collect();
         let others: BTreeMap<String, u64> = wanted
             .into_iter()
             .filter(|wanted| !of_site.contains(&wanted.origin.as_str()))

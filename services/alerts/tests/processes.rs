@@ -192,6 +192,7 @@ fn own(run_root: &Path) {
     let stdin = std::io::stdin();
     events.watch(&stdin, Interest::Read).unwrap();
     let options = OwnerOptions {
+        host: None,
         run_root: run_root.to_path_buf(),
         base_dir: run_root.to_path_buf(),
         out_dir: None,

@@ -8,6 +8,7 @@ use protocol::site::{Area, Detector, Laser, NoReturn, Preset, Source};
 pub(crate) fn area(columns: u32, rows: u32) -> Area {
     Area {
         id: "hall".to_owned(),
+        host: None,
         origin_m: [0.0, 0.0],
         cell_m: 0.1,
         columns,
@@ -34,6 +35,7 @@ pub(crate) fn laser(id: &str, x_m: f64, y_m: f64) -> Laser {
     Laser {
         id: id.to_owned(),
         area: "hall".to_owned(),
+        host: None,
         x_m,
         y_m,
         yaw_deg: 0.0,

@@ -52,6 +52,7 @@ fn site(directory: tempfile::TempDir, source: &str, clock: Clock) -> Running {
     );
     let site: Site = toml::from_str(&text).unwrap();
     let options = OwnerOptions {
+        host: None,
         run_root: directory.path().to_path_buf(),
         base_dir: directory.path().to_path_buf(),
         out_dir: None,

@@ -55,7 +55,7 @@ impl Bus {
         events
             .stop_on(owner)
             .map_err(|source| BusError::System { action: "watch the supervisor", source })?;
-        Self::enter(instance, Plan::new(&instance.site()?), events)
+        Self::enter(instance, Plan::new(&instance.site()?, instance.host.as_deref()), events)
     }
 
     pub(crate) fn open_as_owner(
@@ -63,7 +63,7 @@ impl Bus {
         site: &Site,
         events: &EventLoop,
     ) -> Result<Self, BusError> {
-        Self::enter(instance, Plan::new(site), events)
+        Self::enter(instance, Plan::new(site, instance.host.as_deref()), events)
     }
 
     fn enter(instance: &Instance, plan: Plan, events: &EventLoop) -> Result<Self, BusError> {

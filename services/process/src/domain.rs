@@ -81,6 +81,8 @@ pub enum OwnerError {
 /// What an owner needs to know beyond the site itself.
 #[derive(Debug, Clone)]
 pub struct OwnerOptions {
+    /// Which host of the site this is; none for a site without hosts.
+    pub host: Option<String>,
     /// Holds the run directories; [`crate::instance::default_run_root`] unless a test wants its own.
     pub run_root: PathBuf,
     /// Where relative paths of the site file begin.
@@ -112,7 +114,7 @@ impl Owner {
     /// # Errors
     /// If another owner lives, memory is too small, or a file or service cannot be made.
     pub fn start(site: &Site, options: &OwnerOptions) -> Result<Self, OwnerError> {
-        let plan = Plan::new(site);
+        let plan = Plan::new(site, options.host.as_deref());
         let lossless = is_lossless(site);
         let topics = all_topics(&plan, lossless);
         make_private_dir(&options.run_root)?;
@@ -147,7 +149,8 @@ impl Owner {
         let instance = Instance {
             site_name: site.name.clone(),
             prefix: prefix_of(&run_dir),
-            state_dir: base_dir.join(&site.state_dir),
+            state_dir: base_dir.join(site.state_dir_of(options.host.as_deref())),
+            host: options.host.clone(),
             base_dir,
             out_dir,
             clock: options.clock,
@@ -382,6 +385,7 @@ mod tests {
         let site: Site = serde_json::from_value(site).unwrap();
         let (root, base) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let options = OwnerOptions {
+            host: None,
             run_root: root.path().to_path_buf(),
             base_dir: base.path().to_path_buf(),
             out_dir: None,

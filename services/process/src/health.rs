@@ -7,7 +7,6 @@ use crate::publisher::Publisher;
 use crate::role::Role;
 use protocol::codec::encode;
 use protocol::health::{Fault, Health, ServiceState};
-use protocol::site::Site;
 use protocol::topic;
 use protocol::wire::BytesHeader;
 use std::collections::BTreeMap;
@@ -35,12 +34,12 @@ pub struct HealthReporter {
 }
 
 impl HealthReporter {
-    /// The reporter of a process of `site`.
+    /// The reporter of one process of `roles`, which are those of its instance.
     ///
     /// # Errors
     /// If the health topic cannot be opened.
-    pub fn new(bus: &Bus, site: &Site, role: &Role) -> Result<Self, BusError> {
-        let index = Role::all(site).iter().position(|other| other == role);
+    pub fn new(bus: &Bus, roles: &[Role], role: &Role) -> Result<Self, BusError> {
+        let index = roles.iter().position(|other| other == role);
         let source = index.map_or(u32::MAX, |index| index as u32);
         let publisher = bus.publisher(&topic::health(), source)?;
         let health = Health {

@@ -83,6 +83,9 @@ pub const RUN_DIR_BYTES_MAX: usize = 107 - 3 - 16 - 34 - 6;
 pub struct Instance {
     /// The site's name.
     pub site_name: String,
+    /// Which host of the site this is; none for a site without hosts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub host: Option<String>,
     /// The run directory.
     pub run_dir: PathBuf,
     /// First part of the names of all our files in shared memory.

@@ -1,5 +1,6 @@
 //! Logs: short lines on stderr. `TOG_LOG` sets the level (`info` unless set; `debug`,
-//! `fusion=trace,info`, ...). iceoryx2 speaks from `warn` on.
+//! `fusion=trace,info`, ...). iceoryx2 speaks from `warn` on, zenoh
+//! not at all: the bridge says itself who cannot be reached.
 
 use crate::clock::wall_ns;
 use iceoryx2::prelude::{LogLevel, set_log_level};
@@ -15,8 +16,8 @@ pub fn start() {
     let wanted = std::env::var("TOG_LOG").unwrap_or_default();
     let wanted = if wanted.trim().is_empty() { "info" } else { wanted.trim() };
     let filter = EnvFilter::builder()
-        .parse(format!("{wanted},iceoryx2_bb_loggers=warn"))
-        .unwrap_or_else(|_| EnvFilter::new("info,iceoryx2_bb_loggers=warn"));
+        .parse(format!("{wanted},iceoryx2_bb_loggers=warn,zenoh=off"))
+        .unwrap_or_else(|_| EnvFilter::new("info,iceoryx2_bb_loggers=warn,zenoh=off"));
     set_log_level(LogLevel::Warn);
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)

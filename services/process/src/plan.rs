@@ -4,7 +4,7 @@
 use crate::bus::{CreateTopic, create_topic};
 use crate::ports::Element;
 use crate::role::Role;
-use protocol::site::{RecordedTopics, Site};
+use protocol::site::{Area, RecordedTopics, Site};
 use protocol::topic::{self, Topic};
 use protocol::wire::Header;
 
@@ -137,17 +137,19 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The topics that the processes of `site` need.
+    /// The topics that the processes of `site` on `host` need (none for a site without hosts).
     #[must_use]
-    pub fn new(site: &Site) -> Self {
+    pub fn new(site: &Site, host: Option<&str>) -> Self {
         let mut topics = Vec::new();
-        let areas = site.areas.len();
+        // A bridge publishes the scans and events of other hosts, and reads scans and health here.
+        let bridge = usize::from(site.has_bridges());
+        topics.extend(crossing_scans(site, host));
         // The recorder reads beside those for whom the messages are, and whoever is attached later.
         let recorder = |topics| {
             usize::from(site.recorder.as_ref().is_some_and(|recorder| recorder.records(topics)))
         };
         let (scans, maps) = (recorder(RecordedTopics::Scans), recorder(RecordedTopics::Maps));
-        for area in &site.areas {
+        for area in site.areas_on(host) {
             let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
             let (id, grid) = (&area.id, area.grid());
             let scan = topic::scan(id);
@@ -167,15 +169,19 @@ impl Plan {
         }
         let event = topic::event();
         let events = 1 + recorder(RecordedTopics::Events);
-        let plan = TopicPlan::new(&event, areas + 1, events).at_most(&event, EVENT_BYTES_MAX);
+        let publishers = site.areas_on(host).count() + 1 + bridge;
+        let plan = TopicPlan::new(&event, publishers, events).at_most(&event, EVENT_BYTES_MAX);
         topics.push(plan.buffered(EVENT_BUFFER, 0));
         // One acknowledgement an origin, so that each finds its own although others follow it.
         let acknowledgement = topic::event_acknowledgement();
-        let plan = TopicPlan::new(&acknowledgement, 1, areas + 1)
+        let origins = site.areas.len() + 1 + bridge * site.hosts.len();
+        let readers = site.areas_on(host).count() + 1 + bridge;
+        let plan = TopicPlan::new(&acknowledgement, 1, readers)
             .at_most(&acknowledgement, ACKNOWLEDGEMENT_BYTES_MAX);
-        topics.push(plan.buffered(2 * (areas + 1) + 14, areas + 1));
-        let processes = Role::all(site).len();
-        let health = TopicPlan::new(&topic::health(), processes, 1).buffered(HEALTH_BUFFER, 0);
+        topics.push(plan.buffered(2 * origins + 14, origins));
+        let processes = Role::all(site, host).len();
+        let health = TopicPlan::new(&topic::health(), processes, 1 + bridge);
+        let health = health.buffered(HEALTH_BUFFER, 0);
         topics.push(health);
         Self { topics, processes }
     }
@@ -200,6 +206,17 @@ impl Plan {
     }
 }
 
+/// Scans of lasers that run here for an area of another host: only the bridge reads them.
+fn crossing_scans(site: &Site, host: Option<&str>) -> Vec<TopicPlan> {
+    let elsewhere = site.areas.iter().filter(|area| site.host_of_area(area) != host);
+    let plan = |area: &Area| {
+        let lasers = site.lasers_on(host).filter(|laser| laser.area == area.id).count();
+        let topic = || TopicPlan::new(&topic::scan(&area.id), lasers, 1).buffered(SCAN_BUFFER, 0);
+        (lasers > 0).then(topic)
+    };
+    elsewhere.filter_map(plan).collect()
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -222,13 +239,13 @@ mod tests {
 
     #[test]
     fn a_foyer_of_two_lasers_fits_the_shared_memory_of_a_container() {
-        let bytes = Plan::new(&site(2, 100)).bytes_max();
+        let bytes = Plan::new(&site(2, 100), None).bytes_max();
         assert!(bytes < 64 << 20, "docker gives 64 MiB unless asked: {} MiB", bytes >> 20);
     }
 
     #[test]
     fn every_topic_of_the_vocabulary_is_planned_once() {
-        let plan = Plan::new(&site(2, 10));
+        let plan = Plan::new(&site(2, 10), None);
         let names: Vec<_> = plan.topics.iter().map(|topic| topic.name.as_str()).collect();
         let expected =
             ["scan/a", "frame/a", "classes/a", "collapsed/a", "event", "event-ack", "health"];
@@ -244,7 +261,7 @@ mod tests {
             topics: vec![RecordedTopics::Scans, RecordedTopics::Events],
             ..Default::default()
         });
-        let (without, with) = (Plan::new(&site(2, 10)), Plan::new(&recorded));
+        let (without, with) = (Plan::new(&site(2, 10), None), Plan::new(&recorded, None));
         let more = |name: &str| {
             let of = |plan: &Plan| plan.topic(name).unwrap().readers;
             of(&with) - of(&without)
@@ -256,8 +273,35 @@ mod tests {
 
     #[test]
     fn two_windows_fit_a_buffer() {
-        for topic in Plan::new(&site(1, 10)).topics {
+        for topic in Plan::new(&site(1, 10), None).topics {
             assert!(topic.required_readers == 0 || 2 * topic.window() <= topic.buffer as u64);
         }
+    }
+
+    #[test]
+    fn each_host_has_the_topics_of_its_own_processes() {
+        let mut site = site(3, 10);
+        let host = |id: &str, port: u16| protocol::site::Host {
+            id: id.to_owned(),
+            endpoint: format!("127.0.0.1:{port}"),
+            transport: protocol::site::Transport::PlainTcp,
+            desk: id == "desk",
+        };
+        site.hosts = vec![host("edge", 1), host("desk", 2)];
+        site.areas[0].host = Some("desk".to_owned());
+        for laser in &mut site.lasers[1..] {
+            laser.host = Some("edge".to_owned());
+        }
+        let edge = Plan::new(&site, Some("edge"));
+        let names: Vec<_> = edge.topics.iter().map(|topic| topic.name.as_str()).collect();
+        assert_eq!(names, ["scan/a", "event", "event-ack", "health"]);
+        assert_eq!(edge.topic("scan/a").unwrap().publishers, 2);
+        assert_eq!(edge.processes, 1 + 1 + 2, "alerts, bridge, two lasers");
+        let desk = Plan::new(&site, Some("desk"));
+        assert_eq!(desk.topics.len(), 7);
+        let scans = desk.topic("scan/a").unwrap();
+        assert_eq!(scans.publishers, 3, "its own laser, and two by the bridge");
+        assert_eq!(desk.topic("event").unwrap().publishers, 1 + 1 + 1);
+        assert_eq!(desk.processes, 1 + 1 + 3 + 1, "alerts, bridge, three of the area, a laser");
     }
 }

@@ -10,6 +10,8 @@ use std::fmt;
 pub enum Role {
     /// The journal and the feed; one a site.
     Alerts,
+    /// The way to the other hosts; one a host, if the site has several.
+    Bridge,
     /// The recorder; one a site, if the site file asks for it.
     Recorder,
     /// The detector of an area.
@@ -40,6 +42,7 @@ impl Role {
     pub fn service(&self) -> &'static str {
         match self {
             Self::Alerts => "alerts",
+            Self::Bridge => "bridge",
             Self::Recorder => "recorder",
             Self::Anomaly { .. } => "anomaly",
             Self::Mapper { .. } => "mapper",
@@ -52,7 +55,7 @@ impl Role {
     #[must_use]
     pub fn arguments(&self) -> Vec<String> {
         match self {
-            Self::Alerts | Self::Recorder => Vec::new(),
+            Self::Alerts | Self::Bridge | Self::Recorder => Vec::new(),
             Self::Anomaly { area } | Self::Mapper { area } | Self::Fusion { area } => {
                 vec!["--area".to_owned(), area.clone()]
             }
@@ -74,6 +77,7 @@ impl Role {
         };
         Ok(match service {
             "alerts" => Self::Alerts,
+            "bridge" => Self::Bridge,
             "recorder" => Self::Recorder,
             "anomaly" => Self::Anomaly { area: the_area()? },
             "mapper" => Self::Mapper { area: the_area()? },
@@ -85,19 +89,21 @@ impl Role {
         })
     }
 
-    /// All processes of a site, in the order in which they are started: readers before those whose
+    /// All processes of a site on `host` (none for a site without hosts), in the order in which they are started: readers before those whose
     /// messages they read, so that the first scan already finds everybody. Its position here is a
     /// process's index as the source of health messages.
     #[must_use]
-    pub fn all(site: &Site) -> Vec<Self> {
+    pub fn all(site: &Site, host: Option<&str>) -> Vec<Self> {
         let mut roles = vec![Self::Alerts];
+        roles.extend(site.has_bridges().then_some(Self::Bridge));
         roles.extend(site.recorder.is_some().then_some(Self::Recorder));
-        for area in &site.areas {
+        for area in site.areas_on(host) {
             roles.push(Self::Anomaly { area: area.id.clone() });
             roles.push(Self::Mapper { area: area.id.clone() });
             roles.push(Self::Fusion { area: area.id.clone() });
         }
-        roles.extend(site.lasers.iter().map(|laser| Self::Laser { laser: laser.id.clone() }));
+        let lasers = site.lasers_on(host);
+        roles.extend(lasers.map(|laser| Self::Laser { laser: laser.id.clone() }));
         roles
     }
 }
@@ -107,6 +113,7 @@ impl fmt::Display for Role {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Alerts => f.write_str("alerts"),
+            Self::Bridge => f.write_str("bridge"),
             Self::Recorder => f.write_str("recorder"),
             Self::Anomaly { area } => write!(f, "anomaly {area}"),
             Self::Mapper { area } => write!(f, "mapper {area}"),

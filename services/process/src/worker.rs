@@ -78,12 +78,13 @@ impl Worker {
         let instance = Instance::load(run_dir)?;
         refuse_orphans(&instance)?;
         let site = instance.site()?;
-        if !Role::all(&site).contains(&role) {
+        let roles = Role::all(&site, instance.host.as_deref());
+        if !roles.contains(&role) {
             let name = &site.name;
             return Err(Failure::Config(format!("the site {name} has no process `{role}`")));
         }
         let bus = Bus::open(&instance, &events)?;
-        let mut health = HealthReporter::new(&bus, &site, &role)?;
+        let mut health = HealthReporter::new(&bus, &roles, &role)?;
         health.tell();
         Ok(Self { instance, site, role, bus, events, health })
     }
@@ -110,7 +111,7 @@ impl Worker {
         let id = match &self.role {
             Role::Anomaly { area } | Role::Mapper { area } | Role::Fusion { area } => area,
             Role::Laser { .. } => &self.laser()?.1.area,
-            Role::Alerts | Role::Recorder => return None,
+            Role::Alerts | Role::Bridge | Role::Recorder => return None,
         };
         let index = self.site.areas.iter().position(|area| &area.id == id)?;
         Some((index as u32, &self.site.areas[index]))

@@ -32,6 +32,8 @@ const REPLAY_LEAD_NS: u64 = SECOND_NS;
 pub struct Options {
     /// Where relative paths of the site file begin.
     pub base_dir: PathBuf,
+    /// Which host of the site this is; none for a site without hosts.
+    pub host: Option<String>,
     /// Directory of run directories; the default one unless set.
     pub run_root: Option<PathBuf>,
     /// Where results go (`--out`), absolute.
@@ -41,6 +43,9 @@ pub struct Options {
     /// Stamp of the first scan of the recordings, UNIX nanoseconds; needed if the site replays in
     /// step with time, because then it is the site's time at the start.
     pub replay_start_ns: Option<u64>,
+    /// When the recordings of a replay in step with time begin, UNIX nanoseconds of the host's clock:
+    /// the same on all hosts of a site. A second after the start unless set.
+    pub replay_at_ns: Option<u64>,
     /// A process without a sign of life for so long is killed, six times that while it starts; 10 s
     /// unless set.
     pub silence_max_s: Option<f64>,
@@ -51,10 +56,10 @@ pub struct Options {
 #[must_use]
 pub fn run(site: &Site, options: &Options) -> ExitCode {
     process::logging::start();
-    let roles = Role::all(site);
+    let roles = Role::all(site, options.host.as_deref());
     let width = roles.iter().map(|role| role.to_string().len()).max().unwrap_or(0).max(10);
     let mut output = Output::new(width);
-    let clock = match clock(site, options.replay_start_ns) {
+    let clock = match clock(site, options) {
         Ok(clock) => clock,
         Err(reason) => {
             output.say(&format!("ERROR {reason}"));
@@ -86,7 +91,7 @@ enum Outcome {
     Anew,
 }
 
-fn clock(site: &Site, replay_start_ns: Option<u64>) -> Result<Clock, String> {
+fn clock(site: &Site, options: &Options) -> Result<Clock, String> {
     if is_lossless(site) {
         return Ok(Clock::EventTime);
     }
@@ -95,10 +100,17 @@ fn clock(site: &Site, replay_start_ns: Option<u64>) -> Result<Clock, String> {
         Source::Replay { pace: Pace::Times(rate), .. } => Some(*rate),
         _ => None,
     });
-    match (rate, replay_start_ns) {
+    match (rate, options.replay_start_ns) {
         (None, _) => Ok(Clock::Wall),
         (Some(rate), Some(start_site_ns)) => {
-            let start_mono_ns = monotonic_ns() + REPLAY_LEAD_NS;
+            let now_ns = monotonic_ns();
+            let at = |at_ns: u64| {
+                let wall_ns = wall_ns();
+                now_ns.saturating_add(at_ns.saturating_sub(wall_ns)).saturating_sub(
+                    wall_ns.saturating_sub(at_ns), // it has begun: this host joins late
+                )
+            };
+            let start_mono_ns = options.replay_at_ns.map_or(now_ns + REPLAY_LEAD_NS, at);
             Ok(Clock::Scaled { start_site_ns, start_mono_ns, rate })
         }
         (Some(_), None) => {
@@ -139,6 +151,7 @@ impl Supervisor {
         output: Output,
     ) -> Result<Self, String> {
         let owner_options = OwnerOptions {
+            host: options.host.clone(),
             run_root: options.run_root.clone().unwrap_or_else(process::instance::default_run_root),
             base_dir: options.base_dir.clone(),
             out_dir: options.out_dir.clone(),
@@ -412,7 +425,7 @@ fn stage_of(role: &Role) -> usize {
         Role::Fusion { .. } => 1,
         Role::Mapper { .. } => 2,
         Role::Anomaly { .. } => 3,
-        Role::Recorder => 4,
+        Role::Recorder | Role::Bridge => 4,
         Role::Alerts => 5,
     }
 }

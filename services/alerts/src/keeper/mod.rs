@@ -5,19 +5,20 @@
 //! disk is tried again at a deadline that doubles from 1 s to 30 s. A journal that shows damage is
 //! set aside and a new one begun, while running as at the start.
 //!
-//! The keeper raises events of its own under the origin [`ORIGIN`]: a storage fault, and its end.
+//! The keeper raises events of its own, under the origin [`ORIGIN`] unless told otherwise: a storage fault, and its end.
 //! Reads no clock: [`Now`] is an argument. It does not log: [`Report`] says what is to be said.
 
 mod write;
 
-use crate::intake::{Intake, Offered, check};
+use crate::intake::{Intake, Offered};
 use crate::journal::{Entry, Journal, JournalError};
 use protocol::event::{EventAcknowledgement, EventChange, EventState};
 use protocol::health::Fault;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-/// Origin of the events of this service. No area has a dot in its id.
+/// Origin of the events of this service on the only host of a site: see
+/// [`protocol::event::journal_origin`]. No area has a dot in its id.
 pub const ORIGIN: &str = "host.alerts";
 /// Most changes in memory while the disk cannot be written: at 1 to 4 kB each 4 to 16 MB, and days
 /// of events. What finds no room is refused, and its origin keeps it.
@@ -109,6 +110,8 @@ struct Own {
 #[derive(Debug)]
 pub struct Keeper {
     path: PathBuf,
+    /// Origin of the events of this service.
+    origin: String,
     /// None while it cannot even be opened.
     journal: Option<Journal>,
     /// Highest row when the journal was opened: where a client begins that came before.
@@ -135,8 +138,17 @@ impl Keeper {
     /// # Errors
     /// [`JournalError::Foreign`] and [`JournalError::Newer`]: a person must decide.
     pub fn open(path: &Path, now: Now) -> Result<(Self, Report), JournalError> {
+        Self::open_as(ORIGIN, path, now)
+    }
+
+    /// As [`Keeper::open`], with an origin for the events of this service.
+    ///
+    /// # Errors
+    /// As [`Keeper::open`].
+    pub fn open_as(origin: &str, path: &Path, now: Now) -> Result<(Self, Report), JournalError> {
         let mut keeper = Self {
             path: path.to_owned(),
+            origin: origin.to_owned(),
             journal: None,
             head_at_open: 0,
             intake: Intake::default(),
@@ -201,9 +213,10 @@ impl Keeper {
     }
 
     fn has_room_for(&self, change: &EventChange, ready: usize) -> Result<(), String> {
-        check(change).map_err(|reason| format!("refused a change: {reason}"))?;
-        if change.origin == ORIGIN {
-            return Err(format!("refused a change: {ORIGIN} is the origin of the journal itself"));
+        change.check_fields().map_err(|reason| format!("refused a change: {reason}"))?;
+        if change.origin == self.origin {
+            let own = &self.origin;
+            return Err(format!("refused a change: {own} is the origin of the journal itself"));
         }
         if self.backlog.len() + ready >= BACKLOG_MAX {
             return Err(format!(

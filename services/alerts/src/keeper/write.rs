@@ -1,6 +1,6 @@
 //! The part of the keeper that writes, and what it does when that fails.
 
-use super::{Keeper, Now, ORIGIN, Own, Pending, Report, Trouble};
+use super::{Keeper, Now, Own, Pending, Report, Trouble};
 use crate::intake::GivenUp;
 use crate::journal::{Damage, Journal, JournalError};
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
@@ -32,7 +32,7 @@ impl Keeper {
         for (origin, through) in journal.origins()? {
             self.intake.know(&origin, through);
         }
-        self.own_last = self.own_last.max(journal.highest_contiguous(ORIGIN)?);
+        self.own_last = self.own_last.max(journal.highest_contiguous(&self.origin)?);
         self.journal = Some(journal);
         Ok(())
     }
@@ -231,9 +231,9 @@ impl Keeper {
         self.journal = None;
         let (mut journal, damage) = Journal::begin_anew(&self.path, now.unix_ns, detail)?;
         // What was handed on before is in the old file, but for the backlog.
-        let own = (ORIGIN, self.own_last + 1);
+        let own = (self.origin.as_str(), self.own_last + 1);
         for (origin, next) in
-            self.intake.expected().filter(|(origin, _)| *origin != ORIGIN).chain([own])
+            self.intake.expected().filter(|(origin, _)| *origin != self.origin).chain([own])
         {
             let of_origin = self.backlog.iter().filter(|pending| pending.change.origin == origin);
             let first = of_origin.map(|pending| pending.change.sequence).min();
@@ -294,10 +294,10 @@ impl Keeper {
             let Some(own) = self.own.pop_front() else { return };
             self.own_last += 1;
             if own.state == EventState::Raised {
-                self.own_event = format!("{ORIGIN}-{}", self.own_last);
+                self.own_event = format!("{}-{}", self.origin, self.own_last);
             }
             let change = EventChange {
-                origin: ORIGIN.to_owned(),
+                origin: self.origin.clone(),
                 sequence: self.own_last,
                 id: self.own_event.clone(),
                 kind: EventKind::StorageFault,
@@ -320,7 +320,7 @@ impl Keeper {
 
     pub(super) fn acknowledge(&mut self, origin: &str, report: &mut Report) {
         let Some(journal) = &self.journal else { return };
-        if origin == ORIGIN {
+        if origin == self.origin {
             return;
         }
         match journal.highest_contiguous(origin) {

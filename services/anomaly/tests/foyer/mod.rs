@@ -21,6 +21,7 @@ pub fn area_of(scene: &Scene, detector: Detector) -> Area {
     let grid = scene.area.grid();
     Area {
         id: scene.area.id.clone(),
+        host: None,
         origin_m: grid.origin_m,
         cell_m: grid.cell_m,
         columns: grid.columns,
@@ -47,6 +48,7 @@ pub fn lasers_of(scene: &Scene) -> Vec<Laser> {
     let laser = |spec: &scene::LaserSpec| Laser {
         id: spec.id.clone(),
         area: scene.area.id.clone(),
+        host: None,
         x_m: spec.x_m,
         y_m: spec.y_m,
         yaw_deg: spec.yaw_deg,

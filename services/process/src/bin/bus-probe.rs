@@ -64,6 +64,7 @@ fn own(run_root: &Path, lossless: bool) -> ExitCode {
         let stdin = std::io::stdin();
         events.watch(&stdin, Interest::Read)?;
         let options = OwnerOptions {
+            host: None,
             run_root: run_root.to_path_buf(),
             base_dir: run_root.to_path_buf(),
             out_dir: None,

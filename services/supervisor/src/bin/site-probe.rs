@@ -42,7 +42,7 @@ fn main() -> ExitCode {
         Role::Fusion { .. } => fusion,
         Role::Mapper { .. } => mapper,
         Role::Anomaly { .. } => anomaly,
-        Role::Alerts | Role::Recorder => alerts,
+        Role::Alerts | Role::Bridge | Role::Recorder => alerts,
     };
     process::run(role, Path::new(run_dir), body)
 }

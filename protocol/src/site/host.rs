@@ -1,0 +1,117 @@
+//! The hosts of a site: who they are, where their bridges listen, and what runs where.
+
+use super::{Area, ID_PATTERN, Laser, Site};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Most hosts of a site: every bridge holds a link to every other one, and 32 of them are 496
+/// links; more floors are more sites.
+pub const HOSTS_MAX: usize = 32;
+/// What an endpoint looks like.
+pub(super) const ENDPOINT_PATTERN: &str = r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):[0-9]{1,5}$";
+
+/// A host of a site that has several.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Host {
+    /// Name of the host, unique in the site: letters, digits, `-`, `_`; at most 32.
+    #[schemars(regex(pattern = ID_PATTERN))]
+    pub id: String,
+    /// Address and port where its bridge listens and where the others find it.
+    #[schemars(regex(pattern = ENDPOINT_PATTERN))]
+    pub endpoint: String,
+    /// How the bridges talk. There is no default: that nothing is encrypted must be said aloud.
+    pub transport: Transport,
+    /// True for a host where people look at the alerts: the events of all hosts come here.
+    #[serde(default)]
+    pub desk: bool,
+}
+
+/// How bridges talk with each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Transport {
+    /// TCP as it is: whoever reaches the network reads everything and can speak as any host.
+    PlainTcp,
+}
+
+impl Site {
+    /// True if the site has more than one host, and so needs bridges.
+    #[must_use]
+    pub fn has_bridges(&self) -> bool {
+        self.hosts.len() > 1
+    }
+
+    /// A host by its id.
+    #[must_use]
+    pub fn host(&self, id: &str) -> Option<&Host> {
+        self.hosts.iter().find(|host| host.id == id)
+    }
+
+    /// The same site with everything on one host.
+    #[must_use]
+    pub fn on_one_host(mut self) -> Self {
+        self.hosts.clear();
+        self.areas.iter_mut().for_each(|area| area.host = None);
+        self.lasers.iter_mut().for_each(|laser| laser.host = None);
+        self
+    }
+
+    /// The host that runs an area; none if the site has no hosts.
+    #[must_use]
+    pub fn host_of_area<'s>(&'s self, area: &'s Area) -> Option<&'s str> {
+        area.host.as_deref()
+    }
+
+    /// The host that runs a laser: its own, else that of its area; none if the site has no hosts.
+    #[must_use]
+    pub fn host_of_laser<'s>(&'s self, laser: &'s Laser) -> Option<&'s str> {
+        let of_area = || self.areas.iter().find(|area| area.id == laser.area)?.host.as_deref();
+        laser.host.as_deref().or_else(of_area)
+    }
+
+    /// The areas that run on `host`, in the order of the file; all of a site without hosts.
+    pub fn areas_on<'s>(&'s self, host: Option<&'s str>) -> impl Iterator<Item = &'s Area> {
+        self.areas.iter().filter(move |area| self.host_of_area(area) == host)
+    }
+
+    /// The lasers that run on `host`, in the order of the file; all of a site without hosts.
+    pub fn lasers_on<'s>(&'s self, host: Option<&'s str>) -> impl Iterator<Item = &'s Laser> {
+        self.lasers.iter().filter(move |laser| self.host_of_laser(laser) == host)
+    }
+
+    /// The lasers whose scans must reach another host, with their index in the site: those that do
+    /// not run where their area does.
+    pub fn lasers_that_cross(&self) -> impl Iterator<Item = (usize, &Laser, &Area)> {
+        let with_area = |(index, laser): (usize, _)| {
+            let laser: &Laser = laser;
+            let area = self.areas.iter().find(|area| area.id == laser.area)?;
+            let crosses = self.host_of_laser(laser) != self.host_of_area(area);
+            crosses.then_some((index, laser, area))
+        };
+        self.lasers.iter().enumerate().filter_map(with_area)
+    }
+
+    /// Directory of the state of one host, relative to the site file: of a site with hosts each has
+    /// its own, so that one directory can hold the states of all.
+    #[must_use]
+    pub fn state_dir_of(&self, host: Option<&str>) -> std::path::PathBuf {
+        let state_dir = std::path::PathBuf::from(&self.state_dir);
+        host.map_or_else(|| state_dir.clone(), |host| state_dir.join(host))
+    }
+}
+
+/// Whether a text is an endpoint: an address or a name, a colon, a port from 1 to 65535.
+pub(super) fn is_endpoint(text: &str) -> bool {
+    let Some((address, port)) = text.rsplit_once(':') else { return false };
+    let in_brackets = address.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let is_address = match in_brackets {
+        Some(inner) => inner.parse::<std::net::Ipv6Addr>().is_ok(),
+        None => {
+            let allowed = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'.';
+            !address.is_empty() && address.len() <= 253 && address.bytes().all(allowed)
+        }
+    };
+    let digits = (1..=5).contains(&port.len()) && port.bytes().all(|byte| byte.is_ascii_digit());
+    is_address && digits && port.parse::<u16>().is_ok_and(|port| port > 0)
+}

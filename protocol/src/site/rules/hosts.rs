@@ -1,0 +1,94 @@
+//! What must agree between hosts, areas and lasers.
+
+use super::super::diagnostics::Finding;
+use super::super::host::HOSTS_MAX;
+use super::super::tree::Node;
+use super::super::words::{did_you_mean, names, quoted};
+use super::unique;
+
+pub(super) fn check(
+    root: &Node<'_>,
+    areas: &[Node<'_>],
+    lasers: &[Node<'_>],
+    findings: &mut Vec<Finding>,
+) {
+    let hosts = root.list("host");
+    if hosts.len() > HOSTS_MAX {
+        return; // the schema says so
+    }
+    unique(&hosts, "id", "host", findings);
+    unique(&hosts, "endpoint", "host", findings);
+    let ids: Vec<&str> = hosts.iter().filter_map(|host| Some(host.text("id")?.0)).collect();
+    if ids.len() < hosts.len() {
+        return; // one lacks its id: the schema says so, and who it is nobody knows
+    }
+    for place in areas.iter().chain(lasers) {
+        known(place, &ids, findings);
+    }
+    if hosts.is_empty() {
+        return;
+    }
+    for area in areas.iter().filter(|area| area.get("host").is_none()) {
+        let found = "an area without `host`";
+        findings.push(
+            Finding::error(area, found, format!("one of {}", names(ids.iter().copied())))
+                .message(format!("nobody runs `{}`: it lacks `host`", area.path))
+                .help("a site with `[[host]]` says of every area where it runs: add `host = `"),
+        );
+    }
+    if hosts.len() > 1 {
+        not_with_several(root, &hosts, lasers, findings);
+    }
+}
+
+/// A host that is named is there.
+fn known(place: &Node<'_>, ids: &[&str], findings: &mut Vec<Finding>) {
+    let Some((id, node)) = place.text("host").filter(|(id, _)| !ids.contains(id)) else { return };
+    let help = match did_you_mean(id, ids.iter().copied()) {
+        Some(host) => format!("did you mean {host:?}?"),
+        None if ids.is_empty() => {
+            "this file has no `[[host]]`: add one, or remove this line and everything runs on one \
+             host"
+                .to_owned()
+        }
+        None => format!("hosts of this file: {}", names(ids.iter().copied())),
+    };
+    findings.push(Finding::error(&node, quoted(id), "the id of a host of this file").help(help));
+}
+
+/// What works on one host only, so far.
+fn not_with_several(
+    root: &Node<'_>,
+    hosts: &[Node<'_>],
+    lasers: &[Node<'_>],
+    findings: &mut Vec<Finding>,
+) {
+    let lossless = lasers.iter().find_map(|laser| {
+        laser.get("source")?.text("pace").filter(|(pace, _)| *pace == "lossless")
+    });
+    if let Some((pace, node)) = lossless {
+        let expected = "\"real_time\", or a number, where a site has several hosts";
+        findings.push(
+            Finding::error(&node, quoted(pace), expected)
+                .help("lossless is as fast as the slowest reader, on one host: remove `[[host]]`"),
+        );
+    }
+    if let Some(recorder) = root.get("recorder") {
+        findings.push(
+            Finding::error(&recorder, "a recorder on several hosts", "no `[recorder]`")
+                .message("a site with several hosts cannot record yet")
+                .help("remove `[recorder]`: recording works on a site of one host"),
+        );
+    }
+    let desk = |host: &Node<'_>| {
+        host.get("desk").is_some_and(|desk| desk.value.as_bool().is_some_and(|desk| desk))
+    };
+    if !hosts.iter().any(desk) {
+        let found = "several hosts and no desk";
+        findings.push(
+            Finding::warning(&hosts[0], found, "`desk = true` at one host or more")
+                .message("no host is a desk: every host keeps its events to itself")
+                .help("write `desk = true` at the host where people look at the alerts"),
+        );
+    }
+}

@@ -1,0 +1,232 @@
+//! A desk follows the journal of another host: everything, in order, once.
+//!
+//! ```text
+//! page (as it comes, or asked for)   row after row `taken`: hand on, wait for the acknowledgement
+//!                                    rows up to `taken`: known; a hole: ask for "all after taken"
+//! head beyond `taken`, 3 s silence, start                    : ask for "all after taken"
+//! acknowledgement of the own journal                         : `cursor` moves on, and is stored
+//! ```
+//!
+//! `cursor <= taken <= head`: up to `cursor` the own journal has everything; from there to `taken` it
+//! was handed on. A bridge that dies begins again at the stored cursor, and hands on again what was
+//! not acknowledged: the journal knows an `(origin, sequence)` that it has. So nothing is lost and
+//! nothing is there twice, whoever dies when.
+//!
+//! Pure: the time is an argument (CLOCK_MONOTONIC, nanoseconds).
+
+use protocol::event::EventChange;
+use protocol::link::EventPage;
+use protocol::time::SECOND_NS;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeSet, VecDeque};
+
+/// Most changes that are handed on and not acknowledged: a quarter of what the journal's queue holds.
+pub const WINDOW: usize = 64;
+/// A question without an answer is asked again after this long: the network gives up after 3 s.
+pub const ANSWER_NS: u64 = 3_500_000_000;
+/// Without a word for so long a desk asks: the other side says where it is once a second.
+pub const SILENCE_NS: u64 = 3 * SECOND_NS;
+/// What is not acknowledged after this long is handed on again.
+pub const RESEND_NS: u64 = 2 * SECOND_NS;
+
+/// How far the own journal has the journal of another host; what is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Cursor {
+    /// Names the journal; none before the first page.
+    pub epoch: Option<u64>,
+    /// Its last row that was acknowledged here.
+    pub row: u64,
+}
+
+/// Another journal answers than the one that was followed so far.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OtherJournal {
+    /// What was found, in words.
+    pub reason: String,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    row: u64,
+    change: EventChange,
+    done: bool,
+}
+
+/// One journal that is followed.
+#[derive(Debug)]
+pub struct Follower {
+    cursor: Cursor,
+    taken: u64,
+    head: u64,
+    /// Origins that may speak from there.
+    origins: BTreeSet<String>,
+    waiting: VecDeque<Waiting>,
+    asked: Option<(u64, u64)>,
+    synced: bool,
+    heard_ns: u64,
+    sent_ns: u64,
+    foreign: u64,
+    other: Option<OtherJournal>,
+}
+
+impl Follower {
+    /// Goes on behind `cursor`; only changes of `origins` are handed on.
+    #[must_use]
+    pub fn new(cursor: Cursor, origins: BTreeSet<String>, mono_ns: u64) -> Self {
+        Self {
+            cursor,
+            taken: cursor.row,
+            head: cursor.row,
+            origins,
+            waiting: VecDeque::new(),
+            asked: None,
+            synced: false,
+            heard_ns: mono_ns,
+            sent_ns: mono_ns,
+            foreign: 0,
+            other: None,
+        }
+    }
+
+    /// Takes a page that was decoded; returns what is to be handed to the own journal, in order.
+    ///
+    /// # Errors
+    /// If another journal answers. From then on nothing is taken, until a person has decided.
+    pub fn page(
+        &mut self,
+        page: EventPage,
+        mono_ns: u64,
+    ) -> Result<Vec<EventChange>, OtherJournal> {
+        self.heard_ns = mono_ns;
+        if let Some(other) = &self.other {
+            return Err(other.clone());
+        }
+        self.compare(&page)?;
+        self.cursor.epoch = Some(page.epoch);
+        self.head = self.head.max(page.head);
+        if self.asked.is_some_and(|(after, _)| after == page.after) {
+            self.asked = None;
+            self.synced = true;
+        }
+        if page.after > self.taken {
+            return Ok(Vec::new()); // rows between are missing: `question` asks for them
+        }
+        let mut changes = Vec::new();
+        for row in page.rows {
+            if row.journal_id <= self.taken {
+                continue;
+            }
+            if self.waiting.len() >= WINDOW {
+                break; // asked for again when there is room
+            }
+            self.taken = row.journal_id;
+            let done = !self.origins.contains(&row.change.origin);
+            self.foreign += u64::from(done);
+            if !done {
+                changes.push(row.change.clone());
+            }
+            self.waiting.push_back(Waiting { row: row.journal_id, change: row.change, done });
+        }
+        if !changes.is_empty() {
+            self.sent_ns = mono_ns;
+        }
+        self.advance();
+        Ok(changes)
+    }
+
+    fn compare(&mut self, page: &EventPage) -> Result<(), OtherJournal> {
+        let reason = match self.cursor.epoch {
+            Some(epoch) if epoch != page.epoch => {
+                format!("found journal {}, expected {epoch}", page.epoch)
+            }
+            _ if page.head < page.after => {
+                format!("it ends at row {}, but rows up to {} came before", page.head, page.after)
+            }
+            _ => return Ok(()),
+        };
+        Err(self.other.insert(OtherJournal { reason }).clone())
+    }
+
+    /// The own journal has everything of `origin` up to `sequence`.
+    pub fn acknowledged(&mut self, origin: &str, sequence: u64) {
+        for waiting in &mut self.waiting {
+            if waiting.change.origin == origin && waiting.change.sequence <= sequence {
+                waiting.done = true;
+            }
+        }
+        self.advance();
+    }
+
+    fn advance(&mut self) {
+        while self.waiting.front().is_some_and(|waiting| waiting.done) {
+            if let Some(waiting) = self.waiting.pop_front() {
+                self.cursor.row = waiting.row;
+            }
+        }
+    }
+
+    /// The row after which the log is to be asked for, if it is time; counts as asked.
+    pub fn question(&mut self, mono_ns: u64) -> Option<u64> {
+        if self.question_due_ns().is_none_or(|due_ns| mono_ns < due_ns) {
+            return None;
+        }
+        self.asked = Some((self.taken, mono_ns));
+        Some(self.taken)
+    }
+
+    fn question_due_ns(&self) -> Option<u64> {
+        if self.other.is_some() || self.waiting.len() > WINDOW / 2 {
+            return None;
+        }
+        let wants = !self.synced || self.head > self.taken;
+        let due_ns = if wants { 0 } else { self.heard_ns.saturating_add(SILENCE_NS) };
+        let patience_ns = self.asked.map_or(0, |(_, asked_ns)| asked_ns.saturating_add(ANSWER_NS));
+        Some(due_ns.max(patience_ns))
+    }
+
+    /// What is to be handed on again, if it is time.
+    pub fn resend(&mut self, mono_ns: u64) -> Vec<EventChange> {
+        if self.waiting.is_empty() || mono_ns < self.sent_ns.saturating_add(RESEND_NS) {
+            return Vec::new();
+        }
+        self.sent_ns = mono_ns;
+        let left = self.waiting.iter().filter(|waiting| !waiting.done);
+        left.map(|waiting| waiting.change.clone()).collect()
+    }
+
+    /// When [`Follower::question`] or [`Follower::resend`] has something to do, if ever.
+    #[must_use]
+    pub fn deadline_ns(&self) -> Option<u64> {
+        let resend = self.sent_ns.saturating_add(RESEND_NS);
+        let resend = (!self.waiting.is_empty()).then_some(resend);
+        self.question_due_ns().into_iter().chain(resend).min()
+    }
+
+    /// What is to be stored.
+    #[must_use]
+    pub fn cursor(&self) -> Cursor {
+        self.cursor
+    }
+
+    /// Rows that the other journal has and ours has not, as far as is known.
+    #[must_use]
+    pub fn behind(&self) -> u64 {
+        self.head.saturating_sub(self.cursor.row)
+    }
+
+    /// Changes of origins that do not live there; they were not handed on.
+    #[must_use]
+    pub fn foreign(&self) -> u64 {
+        self.foreign
+    }
+
+    /// Why nothing is taken any more, if so.
+    #[must_use]
+    pub fn other(&self) -> Option<&OtherJournal> {
+        self.other.as_ref()
+    }
+}
+
+#[cfg(test)]
+#[path = "follower_tests.rs"]
+mod tests;

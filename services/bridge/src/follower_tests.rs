@@ -1,0 +1,258 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use proptest::prelude::*;
+use protocol::event::{EventKind, EventState};
+use protocol::link::{EventRow, PAGE_ROWS_MAX};
+use std::collections::BTreeMap;
+
+const EPOCH: u64 = 77;
+
+fn change(origin: &str, sequence: u64) -> EventChange {
+    EventChange {
+        origin: origin.to_owned(),
+        sequence,
+        id: format!("{origin}-{sequence}"),
+        kind: EventKind::Loitering,
+        state: EventState::Raised,
+        stamp_ns: sequence,
+        first_evidence_ns: sequence,
+        area: origin.to_owned(),
+        zone: None,
+        x_m: 0.0,
+        y_m: 0.0,
+        bounds_m: [0.0; 4],
+        score: 2.0,
+        threshold: 1.0,
+        extrapolated: false,
+        text: "Somebody stays.".to_owned(),
+    }
+}
+
+/// A journal of one origin whose row n is its change n.
+fn page(after: u64, rows: std::ops::RangeInclusive<u64>, head: u64) -> EventPage {
+    let row = |n| EventRow { journal_id: n, change: change("hall", n) };
+    EventPage { epoch: EPOCH, after, head, rows: rows.map(row).collect() }
+}
+
+#[allow(clippy::reversed_empty_ranges)]
+const NONE: std::ops::RangeInclusive<u64> = 1..=0;
+
+fn follower(row: u64) -> Follower {
+    let cursor = Cursor { epoch: (row > 0).then_some(EPOCH), row };
+    Follower::new(cursor, BTreeSet::from(["hall".to_owned()]), 0)
+}
+
+fn sequences(changes: &[EventChange]) -> Vec<u64> {
+    changes.iter().map(|change| change.sequence).collect()
+}
+
+#[test]
+fn a_new_desk_asks_for_everything_and_moves_its_cursor_only_when_it_is_acknowledged() {
+    let mut desk = follower(0);
+    assert_eq!(desk.question(5), Some(0));
+    assert_eq!(desk.question(6), None, "it has asked");
+    let handed = desk.page(page(0, 1..=3, 3), 10).unwrap();
+    assert_eq!(sequences(&handed), [1, 2, 3]);
+    assert_eq!(desk.cursor(), Cursor { epoch: Some(EPOCH), row: 0 });
+    desk.acknowledged("yard", 9);
+    desk.acknowledged("hall", 2);
+    assert_eq!((desk.cursor().row, desk.behind()), (2, 1));
+    desk.acknowledged("hall", 3);
+    assert_eq!((desk.cursor().row, desk.behind()), (3, 0));
+    assert_eq!(desk.question(20), None, "nothing is missing");
+}
+
+#[test]
+fn a_lost_live_row_is_asked_for_as_soon_as_the_next_one_or_the_head_tells_of_it() {
+    let mut desk = follower(4);
+    desk.question(0);
+    desk.page(page(4, NONE, 4), 0).unwrap();
+    assert_eq!(desk.page(page(5, 6..=6, 6), 10).unwrap(), [], "5 is missing");
+    assert_eq!(desk.question(10), Some(4));
+    assert_eq!(sequences(&desk.page(page(4, 5..=6, 6), 20).unwrap()), [5, 6]);
+    desk.page(page(7, NONE, 7), 30).unwrap();
+    assert_eq!(desk.question(30), Some(6), "the head says that there is a row 7");
+}
+
+#[test]
+fn silence_and_a_question_without_an_answer_are_questions_again() {
+    let mut desk = follower(4);
+    assert_eq!(desk.question(0), Some(4));
+    assert_eq!(desk.deadline_ns(), Some(ANSWER_NS));
+    assert_eq!(desk.question(ANSWER_NS), Some(4), "nobody answered");
+    desk.page(page(4, NONE, 4), ANSWER_NS).unwrap();
+    assert_eq!(desk.deadline_ns(), Some(ANSWER_NS + SILENCE_NS));
+    assert_eq!(desk.question(ANSWER_NS + SILENCE_NS), Some(4), "nobody says anything");
+}
+
+#[test]
+fn what_is_not_acknowledged_is_handed_on_again_and_no_more_than_a_window_waits() {
+    let mut desk = follower(0);
+    desk.question(0);
+    let first = PAGE_ROWS_MAX as u64;
+    assert_eq!(desk.page(page(0, 1..=first, 200), 0).unwrap().len(), WINDOW);
+    assert_eq!(desk.page(page(first, first + 1..=first + 9, 200), 1).unwrap(), []);
+    assert_eq!(desk.question(10), None, "there is no room");
+    assert_eq!(desk.resend(RESEND_NS - 1), []);
+    assert_eq!(desk.resend(RESEND_NS).len(), WINDOW);
+    desk.acknowledged("hall", first - 1);
+    assert_eq!(sequences(&desk.resend(2 * RESEND_NS)), [first]);
+    assert_eq!(desk.question(2 * RESEND_NS), Some(first), "now there is");
+}
+
+#[test]
+fn another_journal_stops_the_desk_until_a_person_has_decided() {
+    let mut desk = follower(4);
+    let other = EventPage { epoch: EPOCH + 1, ..page(4, 5..=5, 5) };
+    let told = desk.page(other, 0).unwrap_err();
+    assert_eq!(told.reason, "found journal 78, expected 77");
+    assert!(desk.page(page(4, 5..=5, 5), 1).is_err(), "it stays stopped");
+    assert_eq!((desk.question(u64::MAX), desk.cursor().row), (None, 4));
+    let mut desk = follower(4);
+    let told = desk.page(page(4, NONE, 2), 0).unwrap_err();
+    assert_eq!(told.reason, "it ends at row 2, but rows up to 4 came before");
+}
+
+#[test]
+fn a_change_of_an_origin_that_does_not_live_there_is_counted_and_passed_over() {
+    let mut desk = follower(0);
+    desk.question(0);
+    let mut rows = page(0, 1..=3, 3);
+    rows.rows[1].change = change("vault", 1);
+    assert_eq!(sequences(&desk.page(rows, 0).unwrap()), [1, 3]);
+    desk.acknowledged("hall", 3);
+    assert_eq!((desk.foreign(), desk.cursor().row), (1, 3));
+}
+
+/// The journal of the desk: takes each origin in order, once; acknowledges what it has.
+#[derive(Default)]
+struct DeskJournal {
+    rows: Vec<(String, u64)>,
+    next: BTreeMap<String, u64>,
+}
+
+impl DeskJournal {
+    fn take(&mut self, changes: &[EventChange]) {
+        for change in changes {
+            let next = self.next.entry(change.origin.clone()).or_insert(1);
+            assert!(change.sequence <= *next, "a hole before {}", change.sequence);
+            if change.sequence == *next {
+                *next += 1;
+                self.rows.push((change.origin.clone(), change.sequence));
+            }
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Fate {
+    Write,
+    Live { arrives: bool },
+    Head { arrives: bool },
+    Answer { arrives: bool },
+    Acknowledge { arrives: bool },
+    Pass,
+    Die,
+}
+
+fn fate() -> impl Strategy<Value = Fate> {
+    prop_oneof![
+        4 => Just(Fate::Write),
+        4 => any::<bool>().prop_map(|arrives| Fate::Live { arrives }),
+        2 => any::<bool>().prop_map(|arrives| Fate::Head { arrives }),
+        4 => any::<bool>().prop_map(|arrives| Fate::Answer { arrives }),
+        3 => any::<bool>().prop_map(|arrives| Fate::Acknowledge { arrives }),
+        2 => Just(Fate::Pass),
+        1 => Just(Fate::Die),
+    ]
+}
+
+/// A source, a desk, its journal, and a network that loses whatever it likes.
+#[derive(Default)]
+struct World {
+    written: Vec<EventChange>,
+    counts: [u64; 2],
+    stored: Cursor,
+    journal: DeskJournal,
+    mono_ns: u64,
+    asked: Option<u64>,
+}
+
+const ORIGINS: [&str; 2] = ["hall", "yard"];
+
+impl World {
+    fn start(&self) -> Follower {
+        let origins = ORIGINS.map(str::to_owned);
+        Follower::new(self.stored, BTreeSet::from(origins), self.mono_ns)
+    }
+
+    fn read(&self, after: u64, limit: usize) -> EventPage {
+        let row = |n: u64| EventRow { journal_id: n + 1, change: self.written[n as usize].clone() };
+        let head = self.written.len() as u64;
+        EventPage { epoch: EPOCH, after, head, rows: (after..head).map(row).take(limit).collect() }
+    }
+
+    fn step(&mut self, desk: &mut Follower, fate: Fate) {
+        self.mono_ns += SECOND_NS / 4;
+        match fate {
+            Fate::Write => {
+                let origin = self.written.len() * 7 % 3 % 2;
+                self.counts[origin] += 1;
+                self.written.push(change(ORIGINS[origin], self.counts[origin]));
+            }
+            Fate::Live { arrives: true } if !self.written.is_empty() => {
+                let page = self.read(self.written.len() as u64 - 1, 1);
+                self.journal.take(&desk.page(page, self.mono_ns).unwrap());
+            }
+            Fate::Head { arrives: true } => {
+                let head = self.written.len() as u64;
+                self.journal.take(&desk.page(self.read(head, 0), self.mono_ns).unwrap());
+            }
+            Fate::Answer { arrives } => {
+                if let Some(after) = self.asked.take().filter(|_| arrives) {
+                    let page = self.read(after, PAGE_ROWS_MAX);
+                    self.journal.take(&desk.page(page, self.mono_ns).unwrap());
+                }
+            }
+            Fate::Acknowledge { arrives: true } => {
+                for (origin, next) in &self.journal.next {
+                    desk.acknowledged(origin, next - 1);
+                }
+                self.stored = desk.cursor();
+            }
+            Fate::Pass => self.mono_ns += 2 * SECOND_NS,
+            Fate::Die => {
+                *desk = self.start();
+                self.asked = None;
+            }
+            _ => {} // lost on the way
+        }
+        self.journal.take(&desk.resend(self.mono_ns));
+        self.asked = desk.question(self.mono_ns).or(self.asked);
+    }
+}
+
+proptest! {
+    #[test]
+    fn whatever_is_lost_and_whoever_dies_the_desk_has_every_change_once_and_in_order(
+        fates in proptest::collection::vec(fate(), 0..300),
+    ) {
+        let mut world = World::default();
+        let mut desk = world.start();
+        for fate in fates {
+            world.step(&mut desk, fate);
+        }
+        // The network is whole again: a few questions later the desk has everything.
+        for _ in 0..40 {
+            world.step(&mut desk, Fate::Head { arrives: true });
+            world.step(&mut desk, Fate::Answer { arrives: true });
+            world.step(&mut desk, Fate::Acknowledge { arrives: true });
+            world.step(&mut desk, Fate::Pass);
+        }
+        let written = world.written.iter();
+        let expected: Vec<_> = written.map(|c| (c.origin.clone(), c.sequence)).collect();
+        prop_assert_eq!(&world.journal.rows, &expected);
+        prop_assert_eq!(desk.cursor().row, expected.len() as u64);
+        prop_assert_eq!(desk.behind(), 0);
+    }
+}

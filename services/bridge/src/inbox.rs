@@ -1,0 +1,242 @@
+//! What came from other hosts and was not looked at yet: bounded queues that threads of the network
+//! fill and the loop of the bridge empties.
+//!
+//! The policy of each: scans, the newest win; health, the newest win; pages of events, what finds no
+//! room goes (the desk asks for it again); questions, what finds no room goes unanswered (the desk
+//! asks again).
+
+use rustix::event::{EventfdFlags, eventfd};
+use std::collections::VecDeque;
+use std::io;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Most scans of a laser that wait: 0.4 s of the fastest lasers; older ones are in no frame anyway.
+pub const SCANS_MAX: usize = 32;
+/// Most messages of health that wait: a second of a site of a hundred processes, twice.
+pub const HEALTH_MAX: usize = 256;
+/// Most pages of events that wait, of all hosts: each is at most 256 kB.
+pub const PAGES_MAX: usize = 32;
+/// Most questions to the own journal that wait: one a desk, and some that were given up.
+pub const ASKS_MAX: usize = 16;
+
+/// What was thrown away because there was no room.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Dropped {
+    /// Scans, all lasers.
+    pub scans: u64,
+    /// Messages of health.
+    pub health: u64,
+    /// Pages of events.
+    pub pages: u64,
+    /// Questions.
+    pub asks: u64,
+    /// Messages that were longer than any of their kind may be.
+    pub too_long: u64,
+}
+
+/// A question to the own journal: everything after a row, and how to answer.
+#[derive(Debug)]
+pub struct Ask<Q> {
+    /// The rows wanted follow this one.
+    pub after: u64,
+    /// Whom to answer.
+    pub query: Q,
+}
+
+#[derive(Debug)]
+struct Queues<Q> {
+    scans: Vec<VecDeque<Vec<u8>>>,
+    health: VecDeque<(usize, Vec<u8>)>,
+    pages: VecDeque<(usize, Vec<u8>)>,
+    asks: VecDeque<Ask<Q>>,
+    dropped: Dropped,
+}
+
+/// All that came and waits.
+#[derive(Debug, Default)]
+pub struct Arrived<Q> {
+    /// Encoded scans by the number of the stream, in order.
+    pub scans: Vec<(usize, Vec<u8>)>,
+    /// Encoded health, and the index of the host that it is of.
+    pub health: VecDeque<(usize, Vec<u8>)>,
+    /// Encoded pages, and the index of the host that they are of.
+    pub pages: VecDeque<(usize, Vec<u8>)>,
+    /// Questions.
+    pub asks: VecDeque<Ask<Q>>,
+}
+
+/// The queues, and the descriptor that wakes the loop.
+#[derive(Debug)]
+pub struct Inbox<Q> {
+    queues: Mutex<Queues<Q>>,
+    bell: OwnedFd,
+}
+
+impl<Q> Inbox<Q> {
+    /// Queues for `streams` lasers.
+    ///
+    /// # Errors
+    /// If the system gives no descriptor.
+    pub fn new(streams: usize) -> io::Result<Self> {
+        let queues = Queues {
+            scans: (0..streams).map(|_| VecDeque::with_capacity(SCANS_MAX)).collect(),
+            health: VecDeque::new(),
+            pages: VecDeque::new(),
+            asks: VecDeque::new(),
+            dropped: Dropped::default(),
+        };
+        let bell = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
+        Ok(Self { queues: Mutex::new(queues), bell })
+    }
+
+    /// Readable while something waits.
+    #[must_use]
+    pub fn bell(&self) -> BorrowedFd<'_> {
+        self.bell.as_fd()
+    }
+
+    /// A scan of a stream.
+    pub fn scan(&self, stream: usize, bytes: Vec<u8>) {
+        let mut queues = self.lock();
+        let Queues { scans, dropped, .. } = &mut *queues;
+        let Some(queue) = scans.get_mut(stream) else { return };
+        dropped.scans += push_newest(queue, SCANS_MAX, bytes);
+        self.ring(queues);
+    }
+
+    /// Health of a host.
+    pub fn health(&self, host: usize, bytes: Vec<u8>) {
+        let mut queues = self.lock();
+        let Queues { health, dropped, .. } = &mut *queues;
+        dropped.health += push_newest(health, HEALTH_MAX, (host, bytes));
+        self.ring(queues);
+    }
+
+    /// A page of events of a host.
+    pub fn page(&self, host: usize, bytes: Vec<u8>) {
+        let mut queues = self.lock();
+        if queues.pages.len() < PAGES_MAX {
+            queues.pages.push_back((host, bytes));
+        } else {
+            queues.dropped.pages += 1;
+        }
+        self.ring(queues);
+    }
+
+    /// A question to the own journal.
+    pub fn ask(&self, ask: Ask<Q>) {
+        let mut queues = self.lock();
+        if queues.asks.len() < ASKS_MAX {
+            queues.asks.push_back(ask);
+        } else {
+            queues.dropped.asks += 1;
+        }
+        self.ring(queues);
+    }
+
+    /// Something was longer than it may be, and was not taken.
+    pub fn too_long(&self) {
+        self.lock().dropped.too_long += 1;
+    }
+
+    /// Takes everything, and silences the bell.
+    #[must_use]
+    pub fn take(&self) -> Arrived<Q> {
+        let mut count = [0; 8];
+        let _ = rustix::io::read(&self.bell, &mut count); // it did not ring: nothing to silence
+        let mut queues = self.lock();
+        let Queues { scans, health, pages, asks, .. } = &mut *queues;
+        let drained = scans.iter_mut().enumerate();
+        Arrived {
+            scans: drained
+                .flat_map(|(stream, queue)| queue.drain(..).map(move |bytes| (stream, bytes)))
+                .collect(),
+            health: std::mem::take(health),
+            pages: std::mem::take(pages),
+            asks: std::mem::take(asks),
+        }
+    }
+
+    /// What was thrown away so far.
+    #[must_use]
+    pub fn dropped(&self) -> Dropped {
+        self.lock().dropped
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Queues<Q>> {
+        // Whoever panicked left whole queues: each change is one call.
+        self.queues.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn ring(&self, queues: MutexGuard<'_, Queues<Q>>) {
+        drop(queues);
+        // Full means that it rings already.
+        let _ = rustix::io::write(&self.bell, &1u64.to_ne_bytes());
+    }
+}
+
+/// Puts a value at the end; the oldest goes if there is no room. How many went.
+fn push_newest<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> u64 {
+    let full = queue.len() >= max;
+    if full {
+        queue.pop_front();
+    }
+    queue.push_back(value);
+    u64::from(full)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_too_many_scans_the_newest_stay_and_the_rest_is_counted() {
+        let inbox = Inbox::<()>::new(2).unwrap();
+        for n in 0..SCANS_MAX + 3 {
+            inbox.scan(1, vec![n as u8]);
+        }
+        inbox.scan(0, vec![7]);
+        inbox.scan(9, vec![1]); // there is no such stream
+        let arrived = inbox.take();
+        assert_eq!(arrived.scans.len(), SCANS_MAX + 1);
+        assert_eq!(arrived.scans[0], (0, vec![7]));
+        assert_eq!(arrived.scans[1], (1, vec![3]), "the three oldest are gone");
+        assert_eq!(inbox.dropped(), Dropped { scans: 3, ..Dropped::default() });
+        assert!(inbox.take().scans.is_empty());
+    }
+
+    #[test]
+    fn pages_and_questions_that_find_no_room_are_counted_and_the_first_stay() {
+        let inbox = Inbox::new(0).unwrap();
+        for n in 0..100u64 {
+            inbox.page(0, vec![n as u8]);
+            inbox.ask(Ask { after: n, query: n });
+            inbox.health(0, vec![n as u8]);
+        }
+        let arrived = inbox.take();
+        assert_eq!((arrived.pages.len(), arrived.asks.len()), (PAGES_MAX, ASKS_MAX));
+        assert_eq!((arrived.pages[0].1[0], arrived.asks[0].after), (0, 0));
+        assert_eq!(arrived.health.len(), 100);
+        let dropped = inbox.dropped();
+        assert_eq!((dropped.pages, dropped.asks), (68, 84));
+    }
+
+    #[test]
+    fn the_bell_rings_until_everything_is_taken() {
+        let inbox = Inbox::<()>::new(1).unwrap();
+        let rings = |inbox: &Inbox<()>| {
+            let mut descriptors =
+                [rustix::event::PollFd::new(&inbox.bell, rustix::event::PollFlags::IN)];
+            let now = rustix::time::Timespec { tv_sec: 0, tv_nsec: 0 };
+            rustix::event::poll(&mut descriptors, Some(&now)).unwrap() == 1
+        };
+        assert!(!rings(&inbox));
+        inbox.scan(0, vec![1]);
+        inbox.scan(0, vec![2]);
+        assert!(rings(&inbox));
+        assert_eq!(inbox.take().scans.len(), 2);
+        assert!(!rings(&inbox));
+    }
+}

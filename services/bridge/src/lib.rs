@@ -1,0 +1,44 @@
+//! The way to the other hosts of a site: one process a host, the only one that knows a network.
+//!
+//! ```text
+//!  edge host                                                     desk host
+//!  laser ──scan/room──▶ bridge ══ tog/<site>/edge/scan/<laser> ══▶ bridge ──scan/room──▶ fusion
+//!  alerts ──its feed──▶ bridge ══ .../event/live, .../event/log ═▶ bridge ──event──▶ alerts
+//!  everybody ─health──▶ bridge ══ .../health ════════════════════▶ bridge: its faults, `tog status`
+//! ```
+//!
+//! Invariants
+//! - **Scans: the newest wins.** A scan that finds no room goes, on this side (zenoh drops what does
+//!   not fit its queue) and on that (the oldest of [`inbox::SCANS_MAX`] a laser); both are counted by
+//!   the numbers of the laser's process.
+//! - **Events: none is lost, none comes twice.** The journal of the host where an event happened is
+//!   the truth. A desk asks "everything after row n" in pages, is told rows as they come and where
+//!   the journal ends once a second, and moves its cursor on when *its* journal has acknowledged
+//!   what was handed to it. So a bridge may die at any moment: see [`follower`].
+//! - **Nothing enters shared memory that was not decoded and bounded**: kind, version, length, every
+//!   field; a scan only of a laser that runs there, an event only of an origin that lives there,
+//!   health only of a process that the site file places there. What is refused is counted.
+//! - Callbacks of zenoh only move bytes into bounded queues ([`inbox`]); all else is one thread.
+//!
+//! **Who is on the other side nobody proves** (plain TCP): a host is believed to be what its key says.
+//! Mutual TLS is a later slice.
+//!
+//! | question | where |
+//! |---|---|
+//! | what does zenoh do for us, with which settings | `link` |
+//! | what does the process do, in which order | `run` |
+//! | when has a desk everything | [`follower`], pure |
+//! | how is the own journal told | `teller`, `feed_line` |
+//! | what is known of the other hosts | [`remote`], pure |
+//! | where does a desk go on after a restart | `cursor` |
+
+mod cursor;
+mod feed_line;
+pub mod follower;
+pub mod inbox;
+mod link;
+pub mod remote;
+mod run;
+mod teller;
+
+pub use run::run;

@@ -1,0 +1,299 @@
+//! The session with the other bridges: the only file that knows zenoh.
+//!
+//! A peer among peers: every bridge dials every other one at the endpoint of the site file; no
+//! scouting, no gossip, nobody relays. A cut link is noticed after 2 s (the lease is announced, so it
+//! must be the same everywhere) and dialled again every 0.5 to 1 s. TCP buffers are small, so that
+//! nothing old sits in the kernel in front of an event.
+
+use crate::inbox::{Ask, Inbox};
+use protocol::codec::ENVELOPE_BYTES;
+use protocol::link::PAGE_BYTES_MAX;
+use protocol::scan::BEAMS_MAX;
+use protocol::site::{Host, Site, Transport};
+use protocol::topic;
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+use zenoh::Wait;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Query;
+use zenoh::sample::Sample;
+
+/// Longest message of a scan: its ranges, and room for the rest.
+const SCAN_BYTES_MAX: usize = 4 * BEAMS_MAX + 256;
+/// Longest message of all: a page of events with its envelope.
+const MESSAGE_BYTES_MAX: usize = PAGE_BYTES_MAX + ENVELOPE_BYTES;
+/// A question that is not answered by then ends without an answer.
+const QUERY_TIMEOUT: Duration = Duration::from_secs(3);
+/// Notices a host that is gone, in the words of the lease: see the page.
+const LEASE_MS: u64 = 2000;
+
+/// Who asks the journal of this host.
+#[derive(Debug)]
+pub struct Asker(Query);
+
+/// A stream of scans that comes from another host.
+#[derive(Debug, Clone)]
+pub struct Stream {
+    /// Where the laser runs.
+    pub host: String,
+    /// The laser's id.
+    pub laser: String,
+}
+
+/// The session, and what is sent on it.
+#[derive(Debug)]
+pub struct Link {
+    session: zenoh::Session,
+    site: String,
+    /// By the laser's index in the site.
+    scans: Vec<(usize, Publisher<'static>)>,
+    health: Publisher<'static>,
+    live: Publisher<'static>,
+}
+
+impl Link {
+    /// Opens the session of host `me`: listens, dials the others in the background, for ever.
+    /// `streams` are the scans that come here; `outgoing` the lasers whose scans go from here.
+    /// What comes is put into `inbox`.
+    ///
+    /// # Errors
+    /// If the endpoint cannot be listened on.
+    pub fn open(
+        site: &Site,
+        me: &Host,
+        streams: &[Stream],
+        outgoing: &[(usize, String)],
+        inbox: &Arc<Inbox<Asker>>,
+    ) -> Result<Self, String> {
+        let failed = |error: zenoh::Error| {
+            let (id, endpoint) = (&me.id, &me.endpoint);
+            format!("host {id} cannot listen on {endpoint}: {error}: is this host {id}?")
+        };
+        let config = zenoh::Config::from_json5(&config(site, me).to_string()).map_err(failed)?;
+        let session = zenoh::open(config).wait().map_err(failed)?;
+        let others = site.hosts.iter().enumerate().filter(|(_, host)| host.id != me.id);
+        for (index, stream) in streams.iter().enumerate() {
+            let (key, inbox) = (topic::scan_key(&site.name, &stream.host, &stream.laser), inbox);
+            receive(&session, key, SCAN_BYTES_MAX, inbox, move |i, b| i.scan(index, b))?;
+        }
+        for (index, host) in others {
+            let key = topic::health_key(&site.name, &host.id);
+            receive(&session, key, topic::BYTES_MAX, inbox, move |i, b| i.health(index, b))?;
+            if me.desk {
+                let key = topic::live_key(&site.name, &host.id);
+                receive(&session, key, MESSAGE_BYTES_MAX, inbox, move |i, b| i.page(index, b))?;
+            }
+        }
+        answer(&session, topic::log_key(&site.name, &me.id), inbox)?;
+        let publisher = |key: String, priority| {
+            session
+                .declare_publisher(key)
+                .congestion_control(CongestionControl::Drop)
+                .priority(priority)
+                .express(true)
+                .wait()
+                .map_err(|error| error.to_string())
+        };
+        let scans = outgoing.iter().map(|(laser, id)| {
+            let key = topic::scan_key(&site.name, &me.id, id);
+            Ok((*laser, publisher(key, Priority::Data)?))
+        });
+        Ok(Self {
+            site: site.name.clone(),
+            scans: scans.collect::<Result<_, String>>()?,
+            health: publisher(topic::health_key(&site.name, &me.id), Priority::DataLow)?,
+            live: publisher(topic::live_key(&site.name, &me.id), Priority::InteractiveHigh)?,
+            session,
+        })
+    }
+
+    /// Sends an encoded scan, if there is room; false if no such laser sends from here.
+    pub fn send_scan(&self, laser: usize, bytes: Vec<u8>) -> bool {
+        let Some((_, publisher)) = self.scans.iter().find(|(index, _)| *index == laser) else {
+            return false;
+        };
+        // `Ok` means nothing but that it was tried: the reader counts by the scans' numbers.
+        publisher.put(bytes).wait().is_ok()
+    }
+
+    /// Sends encoded health, if there is room.
+    pub fn send_health(&self, bytes: Vec<u8>) {
+        let _ = self.health.put(bytes).wait(); // the next one is due in a second
+    }
+
+    /// Sends an encoded page of events to all desks, if there is room.
+    pub fn send_live(&self, bytes: Vec<u8>) {
+        let _ = self.live.put(bytes).wait(); // who misses it asks for it
+    }
+
+    /// Asks the journal of a host for everything after a row; the answer comes as a page.
+    pub fn ask(&self, host: &str, index: usize, after: u64, inbox: &Arc<Inbox<Asker>>) {
+        let inbox = Arc::clone(inbox);
+        let selector = format!("{}?after={after}", topic::log_key(&self.site, host));
+        let asked = self
+            .session
+            .get(selector)
+            .timeout(QUERY_TIMEOUT)
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::InteractiveHigh)
+            .callback(move |reply| {
+                if let Ok(sample) = reply.result() {
+                    take(sample, MESSAGE_BYTES_MAX, &inbox, |inbox, bytes| {
+                        inbox.page(index, bytes);
+                    });
+                }
+            })
+            .wait();
+        if let Err(error) = asked {
+            tracing::debug!("cannot ask host {host}: {error}"); // it is asked again
+        }
+    }
+
+    /// Answers who asked.
+    pub fn answer(&self, asker: &Asker, bytes: Vec<u8>) {
+        if let Err(error) = asker.0.reply(asker.0.key_expr().clone(), bytes).wait() {
+            tracing::debug!("cannot answer a desk: {error}"); // it asks again
+        }
+    }
+
+    /// Leaves without a word: closing over a cut link takes ten seconds, and the others notice the
+    /// end of the connection at once.
+    pub fn leave(self) {
+        std::mem::forget(self);
+    }
+}
+
+/// Receives what comes on a key; what is too long is counted and left.
+fn receive(
+    session: &zenoh::Session,
+    key: String,
+    bytes_max: usize,
+    inbox: &Arc<Inbox<Asker>>,
+    put: impl Fn(&Inbox<Asker>, Vec<u8>) + Send + Sync + 'static,
+) -> Result<(), String> {
+    let inbox = Arc::clone(inbox);
+    session
+        .declare_subscriber(key)
+        .callback(move |sample| take(&sample, bytes_max, &inbox, &put))
+        .background()
+        .wait()
+        .map_err(|error| error.to_string())
+}
+
+fn take(
+    sample: &Sample,
+    bytes_max: usize,
+    inbox: &Inbox<Asker>,
+    put: impl Fn(&Inbox<Asker>, Vec<u8>),
+) {
+    if sample.payload().len() > bytes_max {
+        inbox.too_long();
+    } else {
+        put(inbox, sample.payload().to_bytes().into_owned());
+    }
+}
+
+/// Lets others ask the journal of this host.
+fn answer(session: &zenoh::Session, key: String, inbox: &Arc<Inbox<Asker>>) -> Result<(), String> {
+    let inbox = Arc::clone(inbox);
+    session
+        .declare_queryable(key)
+        .callback(move |query| {
+            let after = query.parameters().get("after").and_then(|text| text.parse().ok());
+            if let Some(after) = after {
+                inbox.ask(Ask { after, query: Asker(query) });
+            }
+        })
+        .background()
+        .wait()
+        .map_err(|error| error.to_string())
+}
+
+fn locator(host: &Host) -> String {
+    match host.transport {
+        Transport::PlainTcp => {
+            format!("tcp/{}#so_sndbuf=262144;so_rcvbuf=262144", host.endpoint)
+        }
+    }
+}
+
+/// The configuration of a session: all that differs from what zenoh does by itself.
+fn config(site: &Site, me: &Host) -> serde_json::Value {
+    let others: Vec<String> =
+        site.hosts.iter().filter(|host| host.id != me.id).map(locator).collect();
+    json!({
+        "mode": "peer",
+        "metadata": { "host": me.id, "site": site.name },
+        "listen": { "endpoints": [locator(me)] },
+        "connect": {
+            "endpoints": others,
+            "retry": {
+                "period_init_ms": 500, "period_max_ms": 1000, "period_increase_factor": 1.5
+            },
+        },
+        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
+        "open": { "return_conditions": { "connect_scouted": false, "declares": true } },
+        "timestamping": { "enabled": false },
+        "queries_default_timeout": QUERY_TIMEOUT.as_millis() as u64,
+        "adminspace": { "enabled": false },
+        "transport": {
+            "unicast": {
+                "open_timeout": 2000, "accept_timeout": 2000,
+                "max_sessions": 2 * protocol::site::HOSTS_MAX,
+            },
+            "link": {
+                "protocols": ["tcp"],
+                "tx": {
+                    "lease": LEASE_MS, "keep_alive": 4,
+                    "queue": {
+                        "congestion_control": { "block": { "wait_before_close": 2_000_000 } }
+                    },
+                },
+                "rx": { "max_message_size": 1 << 20 },
+            },
+        },
+    })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bridge_dials_every_other_one_and_looks_for_nobody() {
+        let host = |id: &str, port: u16| Host {
+            id: id.to_owned(),
+            endpoint: format!("127.0.0.1:{port}"),
+            transport: Transport::PlainTcp,
+            desk: false,
+        };
+        let mut site: Site = serde_json::from_value(json!({
+            "name": "s",
+            "area": [{ "id": "a", "origin_m": [0.0, 0.0], "columns": 1, "rows": 1 }],
+            "laser": [],
+        }))
+        .unwrap();
+        site.hosts = vec![host("a", 1), host("b", 2), host("c", 3)];
+        let json = config(&site, &site.hosts[1]);
+        let dialled = json["connect"]["endpoints"].as_array().unwrap();
+        let begins =
+            |value: &serde_json::Value, with: &str| value.as_str().unwrap().starts_with(with);
+        assert_eq!(dialled.len(), 2);
+        assert!(begins(&dialled[0], "tcp/127.0.0.1:1#") && begins(&dialled[1], "tcp/127.0.0.1:3#"));
+        assert!(begins(&json["listen"]["endpoints"][0], "tcp/127.0.0.1:2#"));
+        // zenoh reads it, and each of our settings is one that it knows.
+        let read = zenoh::Config::from_json5(&json.to_string()).unwrap();
+        for (key, expected) in [
+            ("scouting/multicast/enabled", "false"),
+            ("scouting/gossip/enabled", "false"),
+            ("transport/link/tx/lease", "2000"),
+            ("transport/link/rx/max_message_size", "1048576"),
+            ("transport/unicast/max_sessions", "64"),
+        ] {
+            assert_eq!(read.get_json(key).unwrap(), expected, "{key}");
+        }
+    }
+}

@@ -1,0 +1,460 @@
+//! The process `tog bridge`. Its loop is the whole of what it does: what is here goes out, what came
+//! goes in, what is due is done, then it sleeps.
+
+use crate::cursor::Shelf;
+use crate::follower::Follower;
+use crate::inbox::{Arrived, Inbox};
+use crate::link::{Asker, Link, Stream};
+use crate::remote::RemoteHost;
+use crate::teller::{Tell, Teller};
+use process::loss::LossCounter;
+use process::{
+    Failure, Interest, Publisher, Role, Subscriber, Token, Worker, monotonic_ns, wall_ns,
+};
+use protocol::codec::{Encoded, decode, encode};
+use protocol::event::{EventAcknowledgement, EventChange, EventHeader, journal_origin};
+use protocol::health::{Health, ServiceState};
+use protocol::link::{CarriedScan, EventPage};
+use protocol::scan::{LaserScan, ScanHeader};
+use protocol::site::{Host, Site};
+use protocol::time::SECOND_NS;
+use protocol::topic;
+use protocol::wire::{BytesHeader, Envelope, FLAG_END_OF_STREAM};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// Runs the bridge until it is asked to stop.
+///
+/// # Errors
+/// If the endpoint cannot be listened on, or shared memory or the state directory cannot be used.
+pub fn run(worker: &mut Worker) -> Result<(), Failure> {
+    let mut bridge = Bridge::open(worker)?;
+    worker.health.set_state(ServiceState::Running);
+    loop {
+        bridge.send_scans()?;
+        bridge.send_health()?;
+        bridge.take_acknowledgements(worker)?;
+        bridge.take_arrived()?;
+        bridge.serve(worker)?;
+        bridge.tell_health(worker);
+        let deadline_ns = bridge.deadline_ns();
+        if worker.wait(Some(deadline_ns))?.stop {
+            bridge.link.leave();
+            return Ok(());
+        }
+    }
+}
+
+/// Scans of another host.
+struct Incoming {
+    laser: String,
+    /// Index of the laser in the site.
+    index: u32,
+    scans: Publisher<ScanHeader, f32>,
+    losses: LossCounter,
+}
+
+/// The journal of another host, as this desk follows it.
+struct Followed {
+    follower: Follower,
+    /// Index of the host.
+    host: usize,
+}
+
+#[derive(Default)]
+struct Counters {
+    scans_out: u64,
+    scans_in: u64,
+    scans_refused: u64,
+    health_refused: u64,
+    pages_refused: u64,
+    events_out: u64,
+    events_in: u64,
+}
+
+struct Bridge {
+    me: Host,
+    hosts: Vec<Host>,
+    link: Link,
+    inbox: Arc<Inbox<Asker>>,
+    bell: Token,
+    outgoing: Vec<Subscriber<ScanHeader, f32>>,
+    incoming: Vec<Incoming>,
+    health: Subscriber<BytesHeader, u8>,
+    /// At a desk only, as the two below.
+    events: Option<Publisher<EventHeader, u8>>,
+    acknowledgements: Option<Subscriber<BytesHeader, u8>>,
+    followed: Vec<Followed>,
+    shelf: Shelf,
+    teller: Teller<Asker>,
+    /// By the index of the host; none for this one.
+    remote: Vec<Option<RemoteHost>>,
+    looked_ns: u64,
+    counters: Counters,
+}
+
+impl Bridge {
+    fn open(worker: &mut Worker) -> Result<Self, Failure> {
+        let site = worker.site.clone();
+        let me = worker.instance.host.as_deref().and_then(|id| site.host(id));
+        let me = me.ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))?.clone();
+        let crossing: Vec<_> = site.lasers_that_cross().collect();
+        let on_me = |host: Option<&str>| host == Some(me.id.as_str());
+        let (mut incoming, mut streams) = (Vec::new(), Vec::new());
+        let (mut sent, mut areas) = (Vec::new(), BTreeSet::new());
+        for (index, laser, area) in crossing {
+            let from = site.host_of_laser(laser).unwrap_or_default().to_owned();
+            if on_me(site.host_of_area(area)) {
+                let scans = worker.bus.publisher(&topic::scan(&area.id), index as u32)?;
+                let (laser, losses) = (laser.id.clone(), LossCounter::default());
+                streams.push(Stream { host: from, laser: laser.clone() });
+                incoming.push(Incoming { laser, index: index as u32, scans, losses });
+            } else if on_me(Some(&from)) {
+                sent.push((index, laser.id.clone()));
+                areas.insert(area.id.clone());
+            }
+        }
+        let outgoing = areas.iter().map(|area| worker.bus.subscriber(&topic::scan(area)));
+        let outgoing = outgoing.collect::<Result<_, _>>()?;
+        let shelf = Shelf::open(&worker.instance.state_dir)?;
+        let now_ns = monotonic_ns();
+        let followed = if me.desk { follow(&site, &me, &shelf, now_ns) } else { Vec::new() };
+        let events = if me.desk {
+            let source = site.areas.len() as u32 + 1; // behind the areas and the supervisor
+            Some(worker.bus.publisher(&topic::event(), source)?)
+        } else {
+            None
+        };
+        let acknowledgements = if me.desk {
+            Some(worker.bus.subscriber(&topic::event_acknowledgement())?)
+        } else {
+            None
+        };
+        let inbox = Arc::new(Inbox::new(streams.len())?);
+        let bell = worker.events.watch(inbox.bell(), Interest::Read)?;
+        let link = Link::open(&site, &me, &streams, &sent, &inbox).map_err(Failure::Failed)?;
+        let count = site.hosts.len() - 1;
+        tracing::info!("host {} listens on {} and looks for {count} more", me.id, me.endpoint);
+        Ok(Self {
+            link,
+            bell,
+            outgoing,
+            incoming,
+            health: worker.bus.subscriber(&topic::health())?,
+            events,
+            acknowledgements,
+            followed,
+            teller: Teller::new(&worker.instance.run_dir, &worker.events, shelf.epoch(wall_ns())?),
+            shelf,
+            remote: site.hosts.iter().map(|host| remote(&site, host, &me, now_ns)).collect(),
+            looked_ns: 0,
+            hosts: site.hosts,
+            me,
+            inbox,
+            counters: Counters::default(),
+        })
+    }
+
+    /// Scans of the lasers here, to the hosts of their areas.
+    fn send_scans(&mut self) -> Result<(), Failure> {
+        for scans in &mut self.outgoing {
+            while let Some(sample) = scans.receive()? {
+                let header = *sample.header();
+                let scan = (!sample.is_end_of_stream()).then(|| LaserScan {
+                    stamp_ns: header.stamp_ns,
+                    device_stamp_ns: header.device_stamp_ns,
+                    geometry: header.geometry,
+                    ranges_m: sample.payload().to_vec(),
+                });
+                let Envelope { session, seq, source, .. } = header.envelope;
+                let sent = encode(&CarriedScan { session, seq, scan })
+                    .is_ok_and(|bytes| self.link.send_scan(source as usize, bytes));
+                if sent {
+                    self.counters.scans_out += 1;
+                } else {
+                    self.counters.scans_refused += 1;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Health of everybody here, to all hosts.
+    fn send_health(&mut self) -> Result<(), Failure> {
+        while let Some(sample) = self.health.receive()? {
+            self.link.send_health(sample.payload().to_vec());
+        }
+        Ok(())
+    }
+
+    /// What the journal of this desk has moves the cursors on.
+    fn take_acknowledgements(&mut self, worker: &mut Worker) -> Result<(), Failure> {
+        let Some(acknowledgements) = &mut self.acknowledgements else { return Ok(()) };
+        let before: Vec<_> = self.followed.iter().map(|f| f.follower.cursor()).collect();
+        while let Some(sample) = acknowledgements.receive()? {
+            let Ok(known) = decode::<EventAcknowledgement>(sample.payload()) else { continue };
+            for followed in &mut self.followed {
+                followed.follower.acknowledged(&known.origin, known.sequence);
+            }
+        }
+        let (mut stored, mut trouble) = (false, None);
+        for (followed, before) in self.followed.iter().zip(before) {
+            let cursor = followed.follower.cursor();
+            let host = &self.hosts[followed.host].id;
+            if cursor == before {
+                continue;
+            }
+            stored = true;
+            if let Err(error) = self.shelf.store(host, cursor) {
+                let path = self.shelf.path(host);
+                trouble = Some(format!(
+                    "{}: {error}: a restart would ask host {host} again for what is here already",
+                    path.display()
+                ));
+            }
+        }
+        if stored {
+            worker.health.set_fault("cursor_unwritable", trouble);
+        }
+        Ok(())
+    }
+
+    /// What came from other hosts.
+    fn take_arrived(&mut self) -> Result<(), Failure> {
+        let Arrived { scans, health, pages, asks } = self.inbox.take();
+        let now_ns = monotonic_ns();
+        for (stream, bytes) in scans {
+            self.take_scan(stream, &bytes)?;
+        }
+        for (host, bytes) in health {
+            let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) else { continue };
+            match decode::<Health>(&bytes) {
+                Ok(health) => {
+                    remote.heard(now_ns);
+                    remote.health(health, now_ns);
+                }
+                Err(error) => {
+                    refuse(&mut self.counters.health_refused, remote.id(), &error);
+                }
+            }
+        }
+        for (host, bytes) in pages {
+            let known = self.hosts.get(host).map_or("", |host| host.id.as_str());
+            match decode::<EventPage>(&bytes) {
+                Ok(page) => self.take_page(host, page, now_ns),
+                Err(error) => refuse(&mut self.counters.pages_refused, known, &error),
+            }
+        }
+        let mut out = Vec::new();
+        for ask in asks {
+            self.teller.ask(ask, now_ns, &mut out);
+        }
+        self.tell(out);
+        Ok(())
+    }
+
+    fn take_scan(&mut self, stream: usize, bytes: &[u8]) -> Result<(), Failure> {
+        let Some(incoming) = self.incoming.get_mut(stream) else { return Ok(()) };
+        let carried = match decode::<CarriedScan>(bytes) {
+            Ok(carried) => carried,
+            Err(error) => {
+                let laser = format!("laser {}", incoming.laser);
+                refuse(&mut self.counters.scans_refused, &laser, &error);
+                return Ok(());
+            }
+        };
+        let (session, seq, source) = (carried.session, carried.seq, incoming.index);
+        incoming.losses.observe(&Envelope { session, seq, source, ..Envelope::default() });
+        let ranges_m = carried.scan.as_ref().map_or(&[][..], |scan| &scan.ranges_m);
+        let mut loan = incoming.scans.loan(ranges_m.len())?;
+        loan.payload_mut().copy_from_slice(ranges_m);
+        let header = loan.header_mut();
+        *header = ScanHeader::default();
+        match &carried.scan {
+            Some(scan) => {
+                header.stamp_ns = scan.stamp_ns;
+                header.device_stamp_ns = scan.device_stamp_ns;
+                header.geometry = scan.geometry;
+            }
+            None => header.envelope.flags = FLAG_END_OF_STREAM,
+        }
+        loan.send();
+        self.counters.scans_in += 1;
+        Ok(())
+    }
+
+    fn take_page(&mut self, host: usize, page: EventPage, now_ns: u64) {
+        if let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) {
+            remote.heard(now_ns);
+        }
+        let followed = self.followed.iter_mut().find(|followed| followed.host == host);
+        let Some(followed) = followed else { return };
+        let was_stopped = followed.follower.other().is_some();
+        match followed.follower.page(page, now_ns) {
+            Ok(changes) => self.hand_on(&changes),
+            Err(other) if !was_stopped => {
+                tracing::error!("events of host {}: {}", self.hosts[host].id, other.reason);
+            }
+            Err(_) => {}
+        }
+    }
+
+    /// Hands changes of other hosts to the journal of this desk.
+    fn hand_on(&mut self, changes: &[EventChange]) {
+        let Some(events) = &mut self.events else { return };
+        for change in changes {
+            let sent = encode(change)
+                .map_err(|error| error.to_string())
+                .and_then(|b| events.send(EventHeader::default(), &b).map_err(|e| e.to_string()));
+            match sent {
+                Ok(_) => self.counters.events_in += 1,
+                // It is not acknowledged, so it is handed on again.
+                Err(error) => tracing::warn!("change {} is not handed on: {error}", change.id),
+            }
+        }
+    }
+
+    /// Descriptors and deadlines.
+    fn serve(&mut self, worker: &Worker) -> Result<(), Failure> {
+        let (now_ns, mut out) = (monotonic_ns(), Vec::new());
+        while let Some(token) = worker.events.next_ready() {
+            if token != self.bell {
+                self.teller.ready(token, now_ns, &mut out);
+            }
+        }
+        self.teller.tick(now_ns, &mut out);
+        self.tell(out);
+        let mut again = Vec::new();
+        for followed in &mut self.followed {
+            if let Some(after) = followed.follower.question(now_ns) {
+                let host = &self.hosts[followed.host].id;
+                self.link.ask(host, followed.host, after, &self.inbox);
+            }
+            again.extend(followed.follower.resend(now_ns));
+        }
+        self.hand_on(&again);
+        self.take_arrived() // the bell may have rung since it was looked at
+    }
+
+    fn tell(&mut self, out: Vec<Tell<Asker>>) {
+        for tell in out {
+            match tell {
+                Tell::Live(page) => {
+                    self.counters.events_out += page.rows.len() as u64;
+                    encoded(&page).into_iter().for_each(|bytes| self.link.send_live(bytes));
+                }
+                Tell::Answer(asker, page) => {
+                    let bytes = encoded(&page);
+                    bytes.into_iter().for_each(|bytes| self.link.answer(&asker, bytes));
+                }
+            }
+        }
+    }
+
+    fn deadline_ns(&self) -> u64 {
+        let followers = self.followed.iter().filter_map(|f| f.follower.deadline_ns());
+        let due = followers.chain(self.teller.deadline_ns()).chain([self.looked_ns + SECOND_NS]);
+        due.min().unwrap_or(u64::MAX)
+    }
+
+    /// Once a second: how we are, and how the others are.
+    fn tell_health(&mut self, worker: &mut Worker) {
+        let now_ns = monotonic_ns();
+        if now_ns < self.looked_ns + SECOND_NS {
+            return;
+        }
+        self.looked_ns = now_ns;
+        let health = &mut worker.health;
+        let (dropped, counters) = (self.inbox.dropped(), &self.counters);
+        let lost = self.incoming.iter().map(|incoming| incoming.losses.total().lost).sum();
+        let remotes = self.remote.iter().flatten();
+        let not_there: u64 = remotes.map(RemoteHost::refused).sum();
+        let foreign = self.followed.iter().map(|followed| followed.follower.foreign()).sum();
+        for (name, total) in [
+            ("scans_out", counters.scans_out),
+            ("scans_in", counters.scans_in),
+            ("scans_lost", lost),
+            ("scans_dropped", dropped.scans),
+            ("scans_refused", counters.scans_refused),
+            ("health_dropped", dropped.health),
+            ("health_refused", counters.health_refused + not_there),
+            ("events_out", counters.events_out),
+            ("events_in", counters.events_in),
+            ("events_refused", foreign),
+            ("pages_refused", counters.pages_refused),
+            ("pages_put_off", dropped.pages),
+            ("questions_put_off", dropped.asks + self.teller.unanswered()),
+            ("messages_refused_too_long", dropped.too_long),
+        ] {
+            health.set_count(name, total);
+        }
+        let fault = self
+            .teller
+            .fault()
+            .map(|reason| format!("the events of this host cannot be told to others: {reason}"));
+        health.set_fault("journal_unreadable", fault);
+        self.tell_remote(worker, now_ns);
+    }
+
+    fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {
+        let health = &mut worker.health;
+        for (host, remote) in self.hosts.iter().zip(&self.remote) {
+            let Some(remote) = remote else { continue };
+            let id = &host.id;
+            let lost = remote.lost(now_ns, &host.endpoint);
+            // A lost host is one fault, not one for each of its processes.
+            let unwell = remote.unwell(now_ns).filter(|_| self.me.desk && lost.is_none());
+            health.set_fault(&format!("host_lost {id}"), lost);
+            health.set_fault(&format!("host_unwell {id}"), unwell);
+            if let Some(age_s) = remote.age_s(now_ns) {
+                health.gauge(&format!("host_age_s {id}"), age_s);
+            }
+        }
+        for followed in &self.followed {
+            let id = &self.hosts[followed.host].id;
+            health.gauge(&format!("events_behind {id}"), followed.follower.behind() as f64);
+            let other = followed.follower.other().map(|other| {
+                format!(
+                    "another journal answers for host {id}: {}. Its events are not taken, until you \
+                     put the old state directory of {id} back, or remove {} and restart this bridge",
+                    other.reason,
+                    self.shelf.path(id).display()
+                )
+            });
+            health.set_fault(&format!("other_journal {id}"), other);
+        }
+    }
+}
+
+/// The journals of all other hosts, from where the cursors are.
+fn follow(site: &Site, me: &Host, shelf: &Shelf, now_ns: u64) -> Vec<Followed> {
+    let others = site.hosts.iter().enumerate().filter(|(_, host)| host.id != me.id);
+    let follow = |(index, host): (usize, &Host)| {
+        let cursor = shelf.cursor(&host.id).unwrap_or_else(|error| {
+            tracing::warn!("{error}; the journal of host {} is read from its first row", host.id);
+            None
+        });
+        let areas = site.areas_on(Some(&host.id)).map(|area| area.id.clone());
+        let origins = areas.chain([journal_origin(Some(&host.id))]).collect();
+        let follower = Follower::new(cursor.unwrap_or_default(), origins, now_ns);
+        Followed { follower, host: index }
+    };
+    others.map(follow).collect()
+}
+
+fn remote(site: &Site, host: &Host, me: &Host, now_ns: u64) -> Option<RemoteHost> {
+    let names = Role::all(site, Some(&host.id)).iter().map(Role::to_string).collect();
+    (host.id != me.id).then(|| RemoteHost::new(&host.id, names, now_ns))
+}
+
+/// Counts what was refused; says the first, and then ever more rarely.
+fn refuse(count: &mut u64, who: &str, error: &dyn std::fmt::Display) {
+    *count += 1;
+    if count.is_power_of_two() {
+        tracing::warn!("refused {count} messages; now of {who}: {error}");
+    }
+}
+
+fn encoded<M: Encoded>(message: &M) -> Option<Vec<u8>> {
+    encode(message).map_err(|error| tracing::warn!("is not sent: {error}")).ok()
+}

@@ -1,0 +1,189 @@
+//! Which host this is, and what a site of several hosts has where.
+
+use crate::cli::Format;
+use jiff::Timestamp;
+use process::Role;
+use process::plan::Plan;
+use protocol::site::{Host, Site, Source};
+use serde_json::json;
+use std::fmt::Write as _;
+use std::io::Write as _;
+
+fn ids(site: &Site) -> String {
+    site.hosts.iter().map(|host| host.id.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+fn known(site: &Site, host: &str) -> Result<String, String> {
+    let none = || format!("--host {host}: the site {} has no `[[host]]`: leave it out", site.name);
+    if site.hosts.is_empty() {
+        return Err(none());
+    }
+    let unknown = || format!("--host {host}: the hosts of {} are {}", site.name, ids(site));
+    site.host(host).map(|host| host.id.clone()).ok_or_else(unknown)
+}
+
+/// The host that `tog run` shall be; none for a site without hosts.
+///
+/// # Errors
+/// A sentence if it is unknown, or if several could be meant.
+pub fn host_to_run(site: &Site, asked: Option<&str>) -> Result<Option<String>, String> {
+    match (asked, site.hosts.as_slice()) {
+        (Some(host), _) => known(site, host).map(Some),
+        (None, []) => Ok(None),
+        (None, [only]) => Ok(Some(only.id.clone())),
+        (None, _) => Err(format!(
+            "the site {} has several hosts: say which of them this is with --host ({})",
+            site.name,
+            ids(site)
+        )),
+    }
+}
+
+/// The host whose journal is wanted: the first desk, unless another is asked for.
+///
+/// # Errors
+/// A sentence if it is unknown.
+pub fn host_to_ask<'s>(site: &'s Site, asked: Option<&str>) -> Result<Option<&'s str>, String> {
+    let first = || site.hosts.iter().find(|host| host.desk).or(site.hosts.first());
+    match asked {
+        None => Ok(first().map(|host| host.id.as_str())),
+        Some(host) => {
+            let id = known(site, host)?;
+            Ok(site.host(&id).map(|host| host.id.as_str()))
+        }
+    }
+}
+
+/// When the recordings of a site begin, UNIX nanoseconds; none if nobody said so.
+///
+/// # Errors
+/// A sentence if it is no time, or if several hosts would begin at different times.
+pub fn replay_at_ns(site: &Site, asked: Option<&str>) -> Result<Option<u64>, String> {
+    let replays = site.lasers.iter().any(|laser| matches!(laser.source, Source::Replay { .. }));
+    let Some(text) = asked else {
+        if site.has_bridges() && replays {
+            return Err(
+                "several hosts replay recordings in step only if all begin at one time: say \
+                        it to each with --replay-at 2026-11-26T10:00:00Z"
+                    .to_owned(),
+            );
+        }
+        return Ok(None);
+    };
+    if !replays || process::domain::is_lossless(site) {
+        return Err("--replay-at: no laser of the site replays in step with time".to_owned());
+    }
+    let time: Timestamp = text.parse().map_err(|error| {
+        format!("--replay-at {text}: {error}; expected a time as 2026-11-26T10:00:00Z")
+    })?;
+    u64::try_from(time.as_nanosecond())
+        .map(Some)
+        .map_err(|_| format!("--replay-at {text}: a time before 1970 or after 2554"))
+}
+
+/// Says aloud, on stderr, that nothing between the hosts is encrypted.
+pub fn warn_of_plain_tcp(site: &Site) {
+    if site.has_bridges() {
+        // Nobody may be there to read it any more.
+        let _ = writeln!(
+            std::io::stderr(),
+            "tog: transport = \"plain-tcp\": what the hosts of {} say to each other is neither \
+             encrypted nor authenticated. Use a network of their own; mutual TLS is not built yet",
+            site.name
+        );
+    }
+}
+
+/// What crosses from one host to another.
+struct Link<'s> {
+    from: &'s str,
+    to: &'s str,
+    what: String,
+}
+
+fn links(site: &Site) -> Vec<Link<'_>> {
+    let mut links = Vec::new();
+    for (_, laser, area) in site.lasers_that_cross() {
+        let (Some(from), Some(to)) = (site.host_of_laser(laser), site.host_of_area(area)) else {
+            continue;
+        };
+        let what = format!("scans of laser {}, for area {}", laser.id, area.id);
+        links.push(Link { from, to, what });
+    }
+    let pairs = |wanted: fn(&Host) -> bool| {
+        site.hosts.iter().flat_map(move |from| {
+            let others = site.hosts.iter().filter(move |to| to.id != from.id && wanted(to));
+            others.map(move |to| (from.id.as_str(), to.id.as_str()))
+        })
+    };
+    let link = |what: &str| {
+        let what = what.to_owned();
+        move |(from, to)| Link { from, to, what: what.clone() }
+    };
+    links.extend(pairs(|to| to.desk).map(link("events, none lost")));
+    links.extend(pairs(|_| true).map(link("health")));
+    links
+}
+
+/// What `tog check` shows of a site with hosts.
+pub fn plan(site: &Site, format: Format) -> String {
+    match format {
+        Format::Text => text(site),
+        Format::Json => {
+            let host = |host: &Host| {
+                let (plan, roles) = plan_of(site, host);
+                json!({
+                    "id": host.id,
+                    "endpoint": host.endpoint,
+                    "transport": host.transport,
+                    "desk": host.desk,
+                    "processes": roles.iter().map(Role::to_string).collect::<Vec<_>>(),
+                    "topics": plan.topics.iter().map(|topic| &topic.name).collect::<Vec<_>>(),
+                    "shared_memory_bytes_max": plan.bytes_max(),
+                })
+            };
+            let link =
+                |link: &Link<'_>| json!({ "from": link.from, "to": link.to, "what": link.what });
+            let report = json!({
+                "site": site.name,
+                "hosts": site.hosts.iter().map(host).collect::<Vec<_>>(),
+                "links": links(site).iter().map(link).collect::<Vec<_>>(),
+            });
+            format!("{report:#}\n")
+        }
+    }
+}
+
+fn plan_of(site: &Site, host: &Host) -> (Plan, Vec<Role>) {
+    (Plan::new(site, Some(&host.id)), Role::all(site, Some(&host.id)))
+}
+
+fn text(site: &Site) -> String {
+    let mut text = format!("{}: right, on {} hosts\n", site.name, site.hosts.len());
+    // Writing to a String cannot fail.
+    for host in &site.hosts {
+        let (plan, roles) = plan_of(site, host);
+        let desk = if host.desk { ", a desk" } else { "" };
+        let _ = writeln!(
+            text,
+            "host {}, {}{desk}: `tog run --host {}` would start {} processes, {:.1} MB of shared \
+             memory in the worst case:",
+            host.id,
+            host.endpoint,
+            host.id,
+            roles.len(),
+            plan.bytes_max() as f64 / 1e6
+        );
+        for role in roles {
+            let _ = writeln!(text, "  {role}");
+        }
+    }
+    let links = links(site);
+    if !links.is_empty() {
+        text.push_str("between the hosts:\n");
+    }
+    for Link { from, to, what } in links {
+        let _ = writeln!(text, "  {from} -> {to}: {what}");
+    }
+    text
+}

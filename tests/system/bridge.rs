@@ -1,0 +1,272 @@
+//! Two hosts of one site: two run roots on this machine, and TCP between them.
+
+use super::feed::{Desk, assert_whole};
+use crate::harness::{Random, Setup, Site, WATCHDOG, count, find, is_nightly, tog};
+use crate::pipeline::{made, support};
+use alerts::{JOURNAL_FILE, Journal};
+use process::{Bus, EventLoop, Instance};
+use protocol::event::{EventChange, EventKind, EventState};
+use protocol::topic;
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::fs;
+use std::net::TcpListener;
+use std::time::{Duration, Instant};
+
+/// Two endpoints that nobody listens on.
+fn hosts() -> String {
+    let listeners = [0, 1].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
+    let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
+    let host = |id: &str, port: u16, desk: bool| {
+        format!(
+            "[[host]]\nid = \"{id}\"\nendpoint = \"127.0.0.1:{port}\"\n\
+             transport = \"plain-tcp\"\ndesk = {desk}\n\n"
+        )
+    };
+    host("edge", ports[0], false) + &host("desk", ports[1], true)
+}
+
+/// `hall` runs on `edge` with its laser; `room` on the desk, and its laser on `edge`.
+fn two_hosts() -> String {
+    let area = |id: &str, host: &str| {
+        format!(
+            "[[area]]\nid = \"{id}\"\nhost = \"{host}\"\norigin_m = [-0.5, -0.5]\ncolumns = 110\n\
+             rows = 100\ncheckpoint_s = 1\ntimescales_s = [1, 2, 4]\n\n"
+        )
+    };
+    let laser = |id: &str, area: &str, place: &str| {
+        format!(
+            "[[laser]]\nid = \"{id}\"\nhost = \"edge\"\narea = \"{area}\"\n{place}\n\
+             source = {{ kind = \"simulator\", scene = \"room\", seed = 1 }}\n\n"
+        )
+    };
+    [
+        "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned(),
+        hosts(),
+        area("hall", "edge"),
+        area("room", "desk"),
+        laser("south", "hall", "x_m = 4.6\ny_m = 0.2\nyaw_deg = 90"),
+        laser("north", "room", "x_m = 5.2\ny_m = 8.8\nyaw_deg = -90"),
+    ]
+    .concat()
+}
+
+fn start(toml: &str, host: &str, more: &[&str]) -> Site {
+    let arguments = ["--host", host].iter().chain(more).copied();
+    Setup::new(toml).arguments(arguments).start()
+}
+
+/// All rows of the journal of a host that are of `origin`.
+fn journal_of(site: &Site, host: &str, origin: &str) -> Vec<(u64, EventChange)> {
+    let path = site.dir.join("state").join(host).join(JOURNAL_FILE);
+    let rows = Journal::open_read_only(&path).unwrap().after(0, 100_000).unwrap();
+    let rows = rows.iter().map(|row| (row.journal_id, row.change().unwrap()));
+    rows.filter(|(_, change)| change.origin == origin).collect()
+}
+
+fn of(rows: Vec<(u64, EventChange)>) -> Vec<EventChange> {
+    rows.into_iter().map(|(_, change)| change).collect()
+}
+
+#[test]
+fn a_desk_has_every_event_of_another_host_once_and_in_order_although_the_bridges_are_killed() {
+    let mut random = Random::from_environment();
+    let toml = two_hosts();
+    let mut edge = start(&toml, "edge", &[]);
+    let mut desk = start(&toml, "desk", &[]);
+    let told = Desk::open(&mut edge);
+    desk.wait_until_frames_flow(5);
+    let rounds = if is_nightly() { 12 } else { 3 };
+    let mut kills = 0;
+    let mut kill_one = |random: &mut Random, edge: &mut Site, desk: &mut Site| {
+        edge.log().wait_a_moment(Duration::from_millis(random.below(300)));
+        let site = if random.below(2) == 0 { edge } else { desk };
+        site.kill("bridge", Signal::KILL);
+        kills += 1;
+    };
+    for round in 0..rounds {
+        let mark = told.count();
+        edge.kill("laser south", Signal::STOP);
+        kill_one(&mut random, &mut edge, &mut desk);
+        let raised = told.hold_laser_until_told(&mut edge, mark);
+        kill_one(&mut random, &mut edge, &mut desk);
+        told.release_laser(&mut edge, &raised.change.id);
+        kill_one(&mut random, &mut edge, &mut desk);
+        if round == 1 {
+            // The journals of both sides die as well.
+            desk.kill("alerts", Signal::KILL);
+            edge.kill("alerts", Signal::KILL);
+        }
+    }
+    let source = || of(journal_of(&edge, "edge", "hall"));
+    let silences = source().iter().filter(|c| c.kind == EventKind::LaserSilent).count();
+    assert!(silences >= 2 * rounds, "{:#?}", source());
+    let begin = Instant::now();
+    loop {
+        let rows = of(journal_of(&desk, "desk", "hall"));
+        if rows.len() >= source().len() {
+            break;
+        }
+        assert!(begin.elapsed() < WATCHDOG, "{} of {}", rows.len(), source().len());
+        desk.log().wait_a_moment(Duration::from_millis(5));
+    }
+    let (sent, rows) = (source(), journal_of(&desk, "desk", "hall"));
+    assert_eq!(of(rows.clone()), sent, "content and order");
+    let renumbered = (1..).zip(of(rows)).collect::<Vec<_>>();
+    assert_whole(&renumbered);
+    println!("{} changes, {kills} kills of a bridge", sent.len());
+    desk.stop();
+    edge.stop();
+}
+
+#[test]
+fn a_desk_that_was_away_is_given_what_happened_meanwhile() {
+    let toml = two_hosts();
+    let mut edge = start(&toml, "edge", &[]);
+    // Nobody is at the desk: the bridge says so, everything else goes on.
+    edge.wait_until("the lost desk", |report| {
+        let lost = |fault: &protocol::health::Fault| fault.code == "host_lost desk";
+        find(report, "bridge").faults.iter().any(lost).then_some(())
+    });
+    let told = Desk::open_while_degraded(&edge);
+    let raised = told.hold_laser_until_told(&mut edge, 0);
+    told.release_laser(&mut edge, &raised.change.id);
+    let mut desk = start(&toml, "desk", &[]);
+    let watch = Desk::open(&mut desk);
+    watch.wait_for(0, "the end of what happened", |told| {
+        told.change.id == raised.change.id && told.change.state == EventState::Cleared
+    });
+    let report = desk.wait_until_frames_flow(5);
+    assert!(count(find(&report, "bridge"), "scans_in") > 0, "{}", report.table());
+    // It says what is wrong on the other host, and that it is over.
+    edge.kill("laser south", Signal::STOP);
+    let words = desk.wait_until("a host that is not well", |report| {
+        let unwell = |f: &&protocol::health::Fault| f.code == "host_unwell edge";
+        find(report, "bridge").faults.iter().find(unwell).map(|fault| fault.text.clone())
+    });
+    assert!(words.starts_with("on host edge: fusion hall: laser_silent south"), "{words}");
+    edge.kill("laser south", Signal::CONT);
+    desk.wait_until_healthy();
+    let listed = desk.tog(&["alerts", "list"], &["--format", "json"]);
+    let listed = String::from_utf8(listed.stdout).unwrap();
+    assert!(listed.contains(&raised.change.id), "{listed}");
+    desk.stop();
+    edge.stop();
+}
+
+/// What was recorded, as several hosts replay it: two of the four lasers on `edge`.
+fn replayed(made: &str) -> String {
+    let mut text = made
+        .replace("pace = \"lossless\"", "pace = \"real_time\"")
+        .replace("timescales_s = [1, 4, 12]", "timescales_s = [1, 2, 4]\nlateness_max_ms = 5000")
+        .replace("[[area]]\n", &format!("{}[[area]]\nhost = \"desk\"\n", hosts()));
+    for laser in ["south", "west"] {
+        let line = format!("id = \"{laser}\"\n");
+        assert_eq!(text.matches(&line).count(), 1, "{text}");
+        text = text.replace(&line, &format!("{line}host = \"edge\"\n"));
+    }
+    text
+}
+
+/// Two hosts replay in step with time, so a host that stalls for more than `lateness_max_ms` (here 5 s)
+/// leaves out frames or scans of frames. So: frames that did not come are allowed, up to half of them;
+/// every frame that came must be the same in every cell, once the longest timescale (4 s) has passed
+/// since the first that came.
+#[test]
+fn two_hosts_say_the_same_classes_as_one_on_the_same_scans() {
+    let scratch = support::scratch();
+    let recording = scratch.path().join("room.mcap");
+    let toml = replayed(&made::room(&recording, 14));
+    let file = scratch.path().join("site.toml");
+    fs::write(&file, &toml).unwrap();
+    let out = scratch.path().join("one");
+    let words: [&std::path::Path; 7] = [
+        "replay".as_ref(),
+        &recording,
+        "--site".as_ref(),
+        &file,
+        "--every-frame".as_ref(),
+        "--out".as_ref(),
+        &out,
+    ];
+    support::tog(&scratch, words).expect(0, &["tog: results of area"]);
+    let (classes, numbers) =
+        (support::Npy::read(&out.join("classes.npy")), support::Npy::read(&out.join("frames.npy")));
+    let cells = classes.shape[1] * classes.shape[2];
+    let one: BTreeMap<u64, &[u8]> =
+        numbers.u64s().into_iter().zip(classes.bytes.chunks_exact(cells)).collect();
+
+    let at_s = process::wall_ns() / 1_000_000_000 + 12;
+    let at = jiff::Timestamp::from_second(at_s as i64).unwrap().to_string();
+    let mut desk = start(&toml, "desk", &["--replay-at", &at]);
+    desk.wait_until("the desk", |report| find(report, "anomaly hall").pid);
+    let instance = Instance::load(&desk.run_dir).unwrap();
+    let events = EventLoop::new().unwrap();
+    let bus = Bus::open(&instance, &events).unwrap();
+    let mut maps = bus.subscriber(&topic::classes("hall", cells)).unwrap();
+    let mut edge = start(&toml, "edge", &["--replay-at", &at]);
+    let mut several = BTreeMap::<u64, Vec<u8>>::new();
+    let mut ended = false;
+    let begin = Instant::now();
+    while !ended {
+        while let Some(map) = maps.receive().unwrap() {
+            ended |= map.is_end_of_stream();
+            if !map.is_end_of_stream() {
+                several.insert(map.header().number, map.payload().to_vec());
+            }
+        }
+        assert!(
+            begin.elapsed() < WATCHDOG,
+            "{} frames, no end:\n{}",
+            several.len(),
+            desk.log().text()
+        );
+        events.wait(Some(process::monotonic_ns() + 1_000_000_000)).unwrap();
+    }
+    drop((maps, bus));
+    let first = *several.keys().next().unwrap();
+    let is_whole = first == *one.keys().next().unwrap();
+    let settled = if is_whole { first } else { first + 40 };
+    let mut compared = 0;
+    for (number, found) in several.range(settled..) {
+        let expected = one.get(number).unwrap_or_else(|| panic!("frame {number} is not in one"));
+        let differ = found.iter().zip(*expected).filter(|(a, b)| a != b).count();
+        assert_eq!(differ, 0, "cells of frame {number} of {:?}", one.keys().next_back());
+        compared += 1;
+    }
+    assert!(2 * compared >= one.len(), "only {compared} of {} frames came", one.len());
+    println!("{compared} of {} frames compared, {} cells each, all the same", one.len(), cells);
+    let (code, log) = desk.wait_end();
+    assert_eq!(code, Some(0), "{log}");
+    assert!(log.contains("the recording is over"), "{log}");
+    edge.stop();
+}
+
+#[test]
+fn a_host_must_be_said_and_be_known() {
+    let setup = Setup::new(&two_hosts());
+    let file = setup.dir().join("site.toml");
+    let run = |more: &[&str]| {
+        let words = ["run", file.to_str().unwrap()].iter().chain(more).copied().collect::<Vec<_>>();
+        let ended = tog(&setup.dir().join("r"), words).output().unwrap();
+        (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
+    };
+    let (code, words) = run(&[]);
+    assert_eq!(code, Some(2));
+    assert!(words.contains("say which of them this is with --host (edge, desk)"), "{words}");
+    let (code, words) = run(&["--host", "cellar"]);
+    assert_eq!(code, Some(2));
+    assert!(words.contains("--host cellar: the hosts of t are edge, desk"), "{words}");
+    let checked = tog(&setup.dir().join("r"), ["check", file.to_str().unwrap()]).output().unwrap();
+    let plan = String::from_utf8(checked.stdout).unwrap();
+    for part in [
+        "host edge, 127.0.0.1:",
+        ", a desk: `tog run --host desk` would start 5 processes",
+        "edge -> desk: scans of laser north, for area room",
+        "edge -> desk: events, none lost",
+        "desk -> edge: health",
+    ] {
+        assert!(plan.contains(part), "{part}\n{plan}");
+    }
+    assert!(String::from_utf8(checked.stderr).unwrap().contains("neither encrypted nor"));
+}
