@@ -38,6 +38,16 @@ pub struct Cursor {
     pub row: u64,
 }
 
+/// Who may speak from a host.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Origins {
+    /// Those that live there: their changes are handed on.
+    pub own: BTreeSet<String>,
+    /// Those that live on other hosts of the site: if that host is a desk, its journal has copies of
+    /// their changes, which are passed over; they come from where they live.
+    pub elsewhere: BTreeSet<String>,
+}
+
 /// Another journal answers than the one that was followed so far.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OtherJournal {
@@ -58,8 +68,7 @@ pub struct Follower {
     cursor: Cursor,
     taken: u64,
     head: u64,
-    /// Origins that may speak from there.
-    origins: BTreeSet<String>,
+    origins: Origins,
     waiting: VecDeque<Waiting>,
     asked: Option<(u64, u64)>,
     synced: bool,
@@ -70,9 +79,9 @@ pub struct Follower {
 }
 
 impl Follower {
-    /// Goes on behind `cursor`; only changes of `origins` are handed on.
+    /// Goes on behind `cursor`.
     #[must_use]
-    pub fn new(cursor: Cursor, origins: BTreeSet<String>, mono_ns: u64) -> Self {
+    pub fn new(cursor: Cursor, origins: Origins, mono_ns: u64) -> Self {
         Self {
             cursor,
             taken: cursor.row,
@@ -120,8 +129,9 @@ impl Follower {
                 break; // asked for again when there is room
             }
             self.taken = row.journal_id;
-            let done = !self.origins.contains(&row.change.origin);
-            self.foreign += u64::from(done);
+            let origin = &row.change.origin;
+            let done = !self.origins.own.contains(origin);
+            self.foreign += u64::from(done && !self.origins.elsewhere.contains(origin));
             if !done {
                 changes.push(row.change.clone());
             }
@@ -214,7 +224,7 @@ impl Follower {
         self.head.saturating_sub(self.cursor.row)
     }
 
-    /// Changes of origins that do not live there; they were not handed on.
+    /// Changes of origins that live nowhere in the site; they were not handed on.
     #[must_use]
     pub fn foreign(&self) -> u64 {
         self.foreign

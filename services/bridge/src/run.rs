@@ -1,8 +1,10 @@
 //! The process `tog bridge`. Its loop is the whole of what it does: what is here goes out, what came
 //! goes in, what is due is done, then it sleeps.
 
+mod health;
+
 use crate::cursor::Shelf;
-use crate::follower::Follower;
+use crate::follower::{Follower, Origins};
 use crate::inbox::{Arrived, Inbox};
 use crate::link::{Asker, Link, Stream};
 use crate::remote::RemoteHost;
@@ -356,74 +358,6 @@ impl Bridge {
         let due = followers.chain(self.teller.deadline_ns()).chain([self.looked_ns + SECOND_NS]);
         due.min().unwrap_or(u64::MAX)
     }
-
-    /// Once a second: how we are, and how the others are.
-    fn tell_health(&mut self, worker: &mut Worker) {
-        let now_ns = monotonic_ns();
-        if now_ns < self.looked_ns + SECOND_NS {
-            return;
-        }
-        self.looked_ns = now_ns;
-        let health = &mut worker.health;
-        let (dropped, counters) = (self.inbox.dropped(), &self.counters);
-        let lost = self.incoming.iter().map(|incoming| incoming.losses.total().lost).sum();
-        let remotes = self.remote.iter().flatten();
-        let not_there: u64 = remotes.map(RemoteHost::refused).sum();
-        let foreign = self.followed.iter().map(|followed| followed.follower.foreign()).sum();
-        for (name, total) in [
-            ("scans_out", counters.scans_out),
-            ("scans_in", counters.scans_in),
-            ("scans_lost", lost),
-            ("scans_dropped", dropped.scans),
-            ("scans_refused", counters.scans_refused),
-            ("health_dropped", dropped.health),
-            ("health_refused", counters.health_refused + not_there),
-            ("events_out", counters.events_out),
-            ("events_in", counters.events_in),
-            ("events_refused", foreign),
-            ("pages_refused", counters.pages_refused),
-            ("pages_put_off", dropped.pages),
-            ("questions_put_off", dropped.asks + self.teller.unanswered()),
-            ("messages_refused_too_long", dropped.too_long),
-        ] {
-            health.set_count(name, total);
-        }
-        let fault = self
-            .teller
-            .fault()
-            .map(|reason| format!("the events of this host cannot be told to others: {reason}"));
-        health.set_fault("journal_unreadable", fault);
-        self.tell_remote(worker, now_ns);
-    }
-
-    fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {
-        let health = &mut worker.health;
-        for (host, remote) in self.hosts.iter().zip(&self.remote) {
-            let Some(remote) = remote else { continue };
-            let id = &host.id;
-            let lost = remote.lost(now_ns, &host.endpoint);
-            // A lost host is one fault, not one for each of its processes.
-            let unwell = remote.unwell(now_ns).filter(|_| self.me.desk && lost.is_none());
-            health.set_fault(&format!("host_lost {id}"), lost);
-            health.set_fault(&format!("host_unwell {id}"), unwell);
-            if let Some(age_s) = remote.age_s(now_ns) {
-                health.gauge(&format!("host_age_s {id}"), age_s);
-            }
-        }
-        for followed in &self.followed {
-            let id = &self.hosts[followed.host].id;
-            health.gauge(&format!("events_behind {id}"), followed.follower.behind() as f64);
-            let other = followed.follower.other().map(|other| {
-                format!(
-                    "another journal answers for host {id}: {}. Its events are not taken, until you \
-                     put the old state directory of {id} back, or remove {} and restart this bridge",
-                    other.reason,
-                    self.shelf.path(id).display()
-                )
-            });
-            health.set_fault(&format!("other_journal {id}"), other);
-        }
-    }
 }
 
 /// The journals of all other hosts, from where the cursors are.
@@ -434,8 +368,15 @@ fn follow(site: &Site, me: &Host, shelf: &Shelf, now_ns: u64) -> Vec<Followed> {
             tracing::warn!("{error}; the journal of host {} is read from its first row", host.id);
             None
         });
-        let areas = site.areas_on(Some(&host.id)).map(|area| area.id.clone());
-        let origins = areas.chain([journal_origin(Some(&host.id))]).collect();
+        let origins_on = |host: &Host| {
+            let areas = site.areas_on(Some(&host.id)).map(|area| area.id.clone());
+            areas.chain([journal_origin(Some(&host.id))]).collect::<Vec<_>>()
+        };
+        let elsewhere = site.hosts.iter().filter(|other| other.id != host.id);
+        let origins = Origins {
+            own: origins_on(host).into_iter().collect(),
+            elsewhere: elsewhere.flat_map(origins_on).collect(),
+        };
         let follower = Follower::new(cursor.unwrap_or_default(), origins, now_ns);
         Followed { follower, host: index }
     };

@@ -1,0 +1,76 @@
+//! What the bridge says of itself, and of the other hosts: `tog status` shows it.
+
+use super::Bridge;
+use crate::remote::RemoteHost;
+use process::{Worker, monotonic_ns};
+use protocol::time::SECOND_NS;
+
+impl Bridge {
+    /// Once a second: how we are, and how the others are.
+    pub(super) fn tell_health(&mut self, worker: &mut Worker) {
+        let now_ns = monotonic_ns();
+        if now_ns < self.looked_ns + SECOND_NS {
+            return;
+        }
+        self.looked_ns = now_ns;
+        let health = &mut worker.health;
+        let (dropped, counters) = (self.inbox.dropped(), &self.counters);
+        let lost = self.incoming.iter().map(|incoming| incoming.losses.total().lost).sum();
+        let remotes = self.remote.iter().flatten();
+        let not_there: u64 = remotes.map(RemoteHost::refused).sum();
+        let foreign = self.followed.iter().map(|followed| followed.follower.foreign()).sum();
+        for (name, total) in [
+            ("scans_out", counters.scans_out),
+            ("scans_in", counters.scans_in),
+            ("scans_lost", lost),
+            ("scans_dropped", dropped.scans),
+            ("scans_refused", counters.scans_refused),
+            ("health_dropped", dropped.health),
+            ("health_refused", counters.health_refused + not_there),
+            ("events_out", counters.events_out),
+            ("events_in", counters.events_in),
+            ("events_refused", foreign),
+            ("pages_refused", counters.pages_refused),
+            ("pages_put_off", dropped.pages),
+            ("questions_put_off", dropped.asks + self.teller.unanswered()),
+            ("messages_refused_too_long", dropped.too_long),
+        ] {
+            health.set_count(name, total);
+        }
+        let fault = self
+            .teller
+            .fault()
+            .map(|reason| format!("the events of this host cannot be told to others: {reason}"));
+        health.set_fault("journal_unreadable", fault);
+        self.tell_remote(worker, now_ns);
+    }
+
+    fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {
+        let health = &mut worker.health;
+        for (host, remote) in self.hosts.iter().zip(&self.remote) {
+            let Some(remote) = remote else { continue };
+            let id = &host.id;
+            let lost = remote.lost(now_ns, &host.endpoint);
+            // A lost host is one fault, not one for each of its processes.
+            let unwell = remote.unwell(now_ns).filter(|_| self.me.desk && lost.is_none());
+            health.set_fault(&format!("host_lost {id}"), lost);
+            health.set_fault(&format!("host_unwell {id}"), unwell);
+            if let Some(age_s) = remote.age_s(now_ns) {
+                health.gauge(&format!("host_age_s {id}"), age_s);
+            }
+        }
+        for followed in &self.followed {
+            let id = &self.hosts[followed.host].id;
+            health.gauge(&format!("events_behind {id}"), followed.follower.behind() as f64);
+            let other = followed.follower.other().map(|other| {
+                format!(
+                    "another journal answers for host {id}: {}. Its events are not taken, until you \
+                     put the old state directory of {id} back, or remove {} and restart this bridge",
+                    other.reason,
+                    self.shelf.path(id).display()
+                )
+            });
+            health.set_fault(&format!("other_journal {id}"), other);
+        }
+    }
+}
