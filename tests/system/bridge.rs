@@ -52,7 +52,7 @@ fn two_hosts() -> String {
 }
 
 fn start(toml: &str, host: &str, more: &[&str]) -> Site {
-    let arguments = ["--host", host].iter().chain(more).copied();
+    let arguments = ["--host", host].into_iter().chain(more.iter().copied());
     Setup::new(toml).arguments(arguments).start()
 }
 
@@ -247,7 +247,7 @@ fn a_host_must_be_said_and_be_known() {
     let setup = Setup::new(&two_hosts());
     let file = setup.dir().join("site.toml");
     let run = |more: &[&str]| {
-        let words = ["run", file.to_str().unwrap()].iter().chain(more).copied().collect::<Vec<_>>();
+        let words = ["run", file.to_str().unwrap()].into_iter().chain(more.iter().copied());
         let ended = tog(&setup.dir().join("r"), words).output().unwrap();
         (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
     };

@@ -20,6 +20,8 @@ const ANSWER_NS: u64 = 2 * SECOND_NS;
 const HEAD_NS: u64 = SECOND_NS;
 /// A feed that is not there is looked for this often: the alerts service may be starting.
 const RETRY_NS: u64 = SECOND_NS / 4;
+/// How long the alerts service may take to start before its absence is a fault.
+const START_NS: u64 = 3 * SECOND_NS;
 /// Encoded rows are shorter than their JSON; a page is closed when its lines are this long.
 const PAGE_LINES_MAX: usize = PAGE_BYTES_MAX / 2;
 const READ_BYTES: usize = 16 * 1024;
@@ -125,7 +127,8 @@ pub struct Teller<Q> {
     head_due_ns: u64,
     answers: Vec<Answer<Q>>,
     unanswered: u64,
-    fault: Option<String>,
+    /// Since when and why there is no feed.
+    fault: Option<(u64, String)>,
 }
 
 impl<Q> Teller<Q> {
@@ -141,7 +144,7 @@ impl<Q> Teller<Q> {
             head_due_ns: 0,
             answers: Vec::new(),
             unanswered: 0,
-            fault: Some("not connected yet".to_owned()),
+            fault: None,
         }
     }
 
@@ -151,7 +154,7 @@ impl<Q> Teller<Q> {
             self.retry_ns = mono_ns + RETRY_NS;
             match Client::connect(&self.socket, "{\"after\":null}\n", &self.events) {
                 Ok(client) => self.live = Some(client),
-                Err(error) => self.fault = Some(format!("{}: {error}", self.socket.display())),
+                Err(error) => self.fail(format!("{}: {error}", self.socket.display()), mono_ns),
             }
         }
         if let Some(head) = self.head.filter(|_| mono_ns >= self.head_due_ns) {
@@ -189,7 +192,7 @@ impl<Q> Teller<Q> {
     pub fn ready(&mut self, token: Token, mono_ns: u64, out: &mut Vec<Tell<Q>>) -> bool {
         if self.live.as_ref().is_some_and(|client| client.token == token) {
             if let Err(reason) = self.take_live(mono_ns, out) {
-                self.fault = Some(reason);
+                self.fail(reason, mono_ns);
                 self.head = None; // a new journal may be there next time
                 self.retry_ns = mono_ns + RETRY_NS;
                 let client = self.live.take();
@@ -269,10 +272,15 @@ impl<Q> Teller<Q> {
         self.unanswered
     }
 
-    /// Why the journal cannot be told, if so.
+    fn fail(&mut self, reason: String, mono_ns: u64) {
+        self.fault.get_or_insert((mono_ns, String::new())).1 = reason;
+    }
+
+    /// Why the journal cannot be told, if that lasts: an alerts service that starts is no fault.
     #[must_use]
-    pub fn fault(&self) -> Option<&str> {
-        self.fault.as_deref()
+    pub fn fault(&self, mono_ns: u64) -> Option<&str> {
+        let lasts = |(since_ns, _): &&(u64, String)| mono_ns >= since_ns.saturating_add(START_NS);
+        self.fault.as_ref().filter(lasts).map(|(_, reason)| reason.as_str())
     }
 }
 

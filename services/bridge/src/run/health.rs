@@ -39,7 +39,7 @@ impl Bridge {
         }
         let fault = self
             .teller
-            .fault()
+            .fault(now_ns)
             .map(|reason| format!("the events of this host cannot be told to others: {reason}"));
         health.set_fault("journal_unreadable", fault);
         self.tell_remote(worker, now_ns);
