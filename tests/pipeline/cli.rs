@@ -84,6 +84,10 @@ fn every_site_file_that_is_delivered_is_right() {
                 &["recording.mcap", "No such file", "replay-example.toml:31:", "1 error"],
             );
             checked += 1;
+        } else if path.ends_with("two-hosts.toml") {
+            let ended = tog(&scratch, [Path::new("check"), &path]);
+            ended.expect(0, &["right, on 2 hosts", "tog run --host edge", "neither encrypted"]);
+            checked += 1;
         } else if path.extension().is_some_and(|extension| extension == "toml") {
             let ended = tog(&scratch, [Path::new("check"), &path]);
             ended.expect(0, &[": right. `tog run` would start", "shared memory", "  alerts\n"]);
