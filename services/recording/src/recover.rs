@@ -84,16 +84,23 @@ fn open(from: &Path) -> Result<(Arc<File>, u64), RecordingError> {
         Err(TryLockError::Error(source)) => return Err(io("lock")(source)),
     }
     let file = Arc::new(file);
-    let format = detect(from, &file, &ReadOptions::default())?.format;
-    if format != Format::Mcap {
-        let found = format!("a recording of the kind {}", format.name());
-        let advice = match format {
-            Format::Ros1Bag | Format::Ros1BagV1 => "`rosbag reindex` recovers a ROS 1 bag",
-            _ => "only MCAP is recovered; `tog bag import` takes what comes before a cut",
-        };
-        return Err(RecordingError::Foreign { path: from.to_owned(), found, advice });
+    let (found, advice) = match detect(from, &file, &ReadOptions::default()) {
+        Ok(kind) if kind.format == Format::Mcap => return Ok((file, metadata.len())),
+        Ok(kind) => {
+            (format!("a recording of the kind {}", kind.format.name()), advice(kind.format))
+        }
+        Err(RecordingError::Foreign { found, .. }) => (found, "is it the file that you meant?"),
+        Err(error) => return Err(error),
+    };
+    Err(RecordingError::NotMcap { path: from.to_owned(), found, advice })
+}
+
+/// What recovers another format.
+fn advice(format: Format) -> &'static str {
+    match format {
+        Format::Ros1Bag | Format::Ros1BagV1 => "`rosbag reindex` recovers a ROS 1 bag",
+        _ => "`tog bag import` takes what comes before a cut",
     }
-    Ok((file, metadata.len()))
 }
 
 fn write(

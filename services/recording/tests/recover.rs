@@ -153,7 +153,7 @@ fn garbage_is_refused_or_gives_an_empty_recording() {
     for text in [&b""[..], b"\x89MCAP", b"hello", b"#ROSBAG V2.0\n"] {
         fs::write(&file, text).unwrap();
         let error = recover(&file, &saved, |_, _| {}).unwrap_err();
-        assert!(matches!(error, RecordingError::Foreign { .. }), "{error}");
+        assert!(matches!(error, RecordingError::NotMcap { .. }), "{error}");
         assert!(!saved.exists());
     }
     let whole = fs::read(&room.whole).unwrap();
