@@ -119,6 +119,9 @@ pub struct Replay {
     /// Directory for the results; created.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Replace the results of an earlier run that are there.
+    #[arg(long)]
+    pub force: bool,
     /// Write the classes of every frame, not of one a second.
     #[arg(long)]
     pub every_frame: bool,

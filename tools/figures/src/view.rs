@@ -1,6 +1,6 @@
 //! The window of a grid that a picture shows, and the way from metres to pixels.
 
-use crate::canvas::{Canvas, Rect, Rgb, WHITE};
+use crate::canvas::{Canvas, Rect, Rgb};
 use protocol::geometry::GridGeometry;
 
 /// A cell is at most this wide: larger squares show nothing more.
@@ -65,12 +65,21 @@ impl View {
         view
     }
 
-    /// Adds cells on both sides until the window is `min_px` long.
+    /// Adds cells on both sides until the window is `min_px` long; where one side of the grid ends,
+    /// on the other, so that no space outside it is shown while there is more of it.
     fn widen(&mut self, axis: usize, min_px: i32) {
         let wanted = (i64::from(min_px) * self.reduction).div_euclid(i64::from(self.cell_px)) + 1;
         let missing = (wanted - self.cells[axis]).max(0);
         if self.size_px()[axis] < min_px {
-            self.first[axis] -= missing / 2;
+            let side = i64::from([self.grid.columns, self.grid.rows][axis]);
+            let last = self.first[axis] + self.cells[axis] - 1;
+            let (before, after) = (self.first[axis].max(0), (side - 1 - last).max(0));
+            let outside = missing - before - after;
+            let left = match outside > 0 {
+                true => before + outside / 2,
+                false => (missing / 2).clamp((missing - after).max(0), before.min(missing)),
+            };
+            self.first[axis] -= left;
             self.cells[axis] += missing;
         }
     }
@@ -145,8 +154,9 @@ impl View {
                     self.cell_px,
                     self.cell_px,
                 );
+                // What lies outside the grid was never observed either.
                 if indices.is_empty() {
-                    canvas.fill(square, WHITE);
+                    canvas.fill_hatched(square);
                     continue;
                 }
                 match paint(&indices) {
@@ -254,6 +264,17 @@ mod tests {
         assert_eq!(view.span_m(0), [10.0, 16.5]);
         let far = View::new(&GRID, Some(&observed), &[[1e300, f64::NAN]], [1, 1], [500, 500]);
         assert_eq!(far.span_m(0), [14.0, 16.5]);
+    }
+
+    #[test]
+    fn a_window_at_the_edge_of_the_grid_is_widened_into_it_not_out_of_it() {
+        for (column, first_m, last_m) in [(0, 10.0, 15.0), (19, 15.0, 20.0), (10, 12.5, 17.5)] {
+            let observed = |i: usize| i == GRID.index(column, 4);
+            let view = View::new(&GRID, Some(&observed), &[], [480, 1], [480, 480]);
+            let [low, high] = view.span_m(0);
+            assert!((high - low) >= last_m - first_m - 0.01, "{low} {high}");
+            assert!(low >= 10.0 && high <= 20.0, "column {column}: {low} to {high}");
+        }
     }
 
     #[test]
