@@ -35,7 +35,7 @@ pub const RECORDING: &str = "scans.mcap";
 /// # Errors
 /// If a run is there, or cannot be removed.
 pub fn make_way(directory: &Path, force: bool) -> Result<(), ExperimentError> {
-    overwrite::make_way(directory, force)?;
+    overwrite::for_run(directory, force)?;
     std::fs::create_dir_all(directory).map_err(write_error(directory))?;
     if force {
         for number in 1..=4 {

@@ -330,7 +330,7 @@ fn export(arguments: &Export) -> Result<String, MapError> {
             Ok(format!("wrote map.yaml and map.pgm to {}\n", out.display()))
         }
         ExportFormat::Npy => {
-            overwrite::make_way(out, arguments.force)?;
+            overwrite::for_map(out, arguments.force)?;
             let contexts = match &arguments.part.context {
                 Some(_) => Vec::new(),
                 None => contexts_of(&map)?,
@@ -392,7 +392,7 @@ fn merge(arguments: &Merge) -> Result<String, MapError> {
     }
     grid.contexts = contexts.iter().map(|(name, _)| name.clone()).collect();
     let out = &arguments.out;
-    overwrite::make_way(out, arguments.force)?;
+    overwrite::for_map(out, arguments.force)?;
     export::write_map(out, &grid, &total, &contexts).map_err(write_error(out))?;
     let name = format!("{} maps", maps.len());
     Pictures::new(&grid, &total, &name, &[], Options::default())?.write_all(out)?;

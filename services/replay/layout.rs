@@ -57,12 +57,9 @@ impl Times {
     fn text(self) -> String {
         let Self { frame_period, scan_age_max, lateness_max, laser_lost } = self;
         format!(
-            "# The scans come more slowly than 4 Hz: frames, and the age of a scan in one, fit them.
-             frame_period_ms = {frame_period}.0
-scan_age_max_ms = {scan_age_max}.0
-             lateness_max_ms = {lateness_max}.0
-laser_lost_ms = {laser_lost}.0
-"
+            "# The scans come more slowly than 4 Hz: frames, and the age of a scan in one, fit them.\n\
+             frame_period_ms = {frame_period}.0\nscan_age_max_ms = {scan_age_max}.0\n\
+             lateness_max_ms = {lateness_max}.0\nlaser_lost_ms = {laser_lost}.0\n"
         )
     }
 }

@@ -122,7 +122,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     // What is wrong with the site is told before a recording of hours is read.
     let site = arguments.site.as_deref().map(site_file::load).transpose()?;
     site.as_ref().map_or(Ok(()), all_replayed)?;
-    overwrite::make_way(&arguments.out, arguments.force)?;
+    overwrite::for_run(&arguments.out, arguments.force)?;
     let recording = Recording::open(&arguments.recording)?;
     eprintln!("tog: reading {}", arguments.recording.display());
     let index = RecordingIndex::scan(&recording, |_| site.is_none().then(Pose::default))?;

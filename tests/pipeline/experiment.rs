@@ -78,6 +78,13 @@ fn a_replay_of_the_recording_of_an_experiment_gives_its_map_to_the_bit() {
         .map(|path| Npy::read(&path));
     assert_eq!(one.shape, two.shape);
     assert!(one.bytes == two.bytes, "the recording says what the lasers said");
+    let one = scratch.path().join("one");
+    run(&scratch, "1", &[], &one);
+    let diff = ["map", "diff", "one/default", "out/default"];
+    tog(&scratch, diff).expect(0, &["area room: from one/default to out/default"]);
+    let twice = ["experiment", "1", "--out", "one"];
+    tog(&scratch, twice).expect(1, &["a map is there already", "--force"]);
+
     let found = verdicts(&out);
     for claim in ["path", "empty", "agrees", "legs"] {
         assert!(holds(&found, "default", claim), "{claim}: {found:#}");
