@@ -13,7 +13,6 @@ Examples:
   tog experiment 1 --out static
   tog experiment 3 --seed 7 --rate 75 --out foyer
   tog experiment verdict --seeds 10
-
   tog map diff one/default two/default    (of experiments 1 and 2: the same room)
 
 1: nobody in a furnished room, four lasers, 120 s.
