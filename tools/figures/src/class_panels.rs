@@ -8,7 +8,7 @@ use crate::scale;
 use crate::share;
 use crate::sheet::{PAD, Sheet, TEXT_PX};
 use crate::text::{Anchor, Face, Style};
-use crate::view::View;
+use crate::view::{View, Window};
 
 /// Widest page, unless the map alone is wider: what a screen shows at once, pixels.
 const PAGE_MAX_PX: i32 = 1600;
@@ -24,6 +24,8 @@ const BAR_PX: i32 = 110;
 /// Between the legend and panels beside it, and between the map and panels below it, pixels.
 const BESIDE_PX: i32 = 26;
 const BELOW_PX: i32 = 10;
+/// Names of panels beside the map begin this much higher than it: level with its first line.
+const RAISED_PX: i32 = 6;
 
 /// What the map and its legend take, pixels from the left edge of the page and the top of the map.
 #[derive(Debug, Clone, Copy)]
@@ -58,43 +60,34 @@ pub(crate) struct ClassPanels {
 }
 
 impl ClassPanels {
-    /// The arrangement that leaves least empty; `view` makes the window of a panel of at most that
-    /// size.
-    pub fn arranged(
-        map: &OverviewMap,
-        face: &Face,
-        room: &Room,
-        view: impl Fn([i32; 2], [i32; 2]) -> View,
-    ) -> Self {
+    /// The arrangement that leaves least empty; each panel shows `window`.
+    pub fn arranged(map: &OverviewMap, face: &Face, room: &Room, window: &Window) -> Self {
         let count = map.classes.len().max(1) as i32;
-        let mut best: Option<(f64, Self)> = None;
-        for (beside, columns) in (1..=count).flat_map(|n| [(true, n), (false, n)]) {
+        let heads_px = widest_head_px(map, face);
+        let arranged = |beside: bool, columns: i32, height: i32| {
             let (left, right) = match beside {
                 true => (room.legend_right + BESIDE_PX, PAGE_MAX_PX - PAD),
                 false => (PAD, room.free_right()),
             };
             let width = (right - left - BAR_PX) / columns - GAP_PX;
+            let max_px = [width, height].map(|side| side.clamp(SIDE_PX[0], SIDE_PX[1]));
+            let view = window.view([SIDE_PX[0], 60], max_px);
+            let note_px = if view.size_px()[0] < heads_px { NOTE_PX } else { 0 };
+            let rows = (count + columns - 1) / columns;
+            Self { view, columns, rows, head_px: NAME_PX + note_px, beside }
+        };
+        let mut best = arranged(false, 1, SIDE_PX[1]);
+        for columns in 1..=count {
             let rows = (count + columns - 1) / columns;
             let fit = room.map_height.max(room.legend_height) / rows - NAME_PX - GAP_PX;
-            for height in [fit, SIDE_PX[1]] {
-                let max_px = [width, height].map(|side| side.clamp(SIDE_PX[0], SIDE_PX[1]));
-                let view = view([SIDE_PX[0], 60], max_px);
-                let head_px = head_px(map, face, view.size_px()[0]);
-                let panels = Self { view, columns, rows, head_px, beside };
-                let score = panels.score(room, count);
-                if best.is_none_or(|(most, _)| score > most) {
-                    best = Some((score, panels));
+            for (beside, height) in [(true, fit), (true, SIDE_PX[1]), (false, SIDE_PX[1])] {
+                let other = arranged(beside, columns, height);
+                if other.score(room, count) > best.score(room, count) {
+                    best = other;
                 }
             }
         }
-        // There is always one class at least, so that there is a best; the window alone else.
-        best.map_or_else(
-            || {
-                let view = view([SIDE_PX[0], 60], [SIDE_PX[0]; 2]);
-                Self { view, columns: 1, rows: 1, head_px: NAME_PX, beside: false }
-            },
-            |(_, panels)| panels,
-        )
+        best
     }
 
     /// Share of the page that is filled, less if the panels are small; a page that is too wide
@@ -131,7 +124,7 @@ impl ClassPanels {
     /// Height from the top of the map to the lower end of everything.
     pub fn height_px(&self, room: &Room) -> i32 {
         let panels = match self.beside {
-            true => self.rows_px() - self.head_px,
+            true => self.rows_px() - RAISED_PX,
             false => room.map_height + BELOW_PX + self.rows_px(),
         };
         panels.max(room.map_height).max(room.legend_height)
@@ -153,7 +146,7 @@ impl ClassPanels {
         top: i32,
     ) {
         let at = match self.beside {
-            true => [room.legend_right + BESIDE_PX, top - self.head_px],
+            true => [room.legend_right + BESIDE_PX, top - RAISED_PX],
             false => [PAD, top + room.map_height + BELOW_PX],
         };
         let pitch = self.pitch_px();
@@ -190,11 +183,11 @@ impl ClassPanels {
     }
 }
 
-/// Height of what stands above a panel of this width: two lines if a name and its note need them.
-fn head_px(map: &OverviewMap, face: &Face, width: i32) -> i32 {
+/// Width of the widest name with its note beside it.
+fn widest_head_px(map: &OverviewMap, face: &Face) -> i32 {
     let text_px = |text: &str| face.width(text, TEXT_PX);
-    let fits = |class: &ClassShare| text_px(&class.name) + 12 + text_px(&note(class)) <= width;
-    if map.classes.iter().all(fits) { NAME_PX } else { NAME_PX + NOTE_PX }
+    let head_px = |class: &ClassShare| text_px(&class.name) + 12 + text_px(&note(class));
+    map.classes.iter().map(head_px).max().unwrap_or(0)
 }
 
 /// The largest share of a class, in words.

@@ -10,7 +10,7 @@ use crate::palette::{EMPTY, class_colour, mix};
 use crate::share::gamma_text;
 use crate::sheet::{self, Key, PLOT_MIN_PX, Sheet, Texts};
 use crate::text::Face;
-use crate::view::{Paint, View};
+use crate::view::{Paint, View, Window};
 use crate::zones;
 use protocol::grid::CLASSES_MAX;
 
@@ -51,7 +51,7 @@ pub fn overview(
         check_length(&what, 0, &map.grid)?;
     }
     let shown = points(map, lasers, events);
-    let view = view_of(map, &shown, options, PLOT_MIN_PX, options.plot_max_px());
+    let view = window_of(map, &shown, options).view(PLOT_MIN_PX, options.plot_max_px());
     let keys = legend(map, lasers, events);
     let face = Face::load()?;
     let legend_px = sheet::legend_width_px(&face, LEGEND_PX, &keys);
@@ -63,9 +63,7 @@ pub fn overview(
         legend_height: sheet::legend_height_px(&face, legend_px, &keys),
     };
     // No marks are kept in view: the panels show what was observed, as large as it goes.
-    let panels = ClassPanels::arranged(map, &face, &room, |min_px, max_px| {
-        view_of(map, &[], options, min_px, max_px)
-    });
+    let panels = ClassPanels::arranged(map, &face, &room, &window_of(map, &[], options));
     let texts = Texts {
         title: &map.title,
         subtitle: &map.subtitle,
@@ -93,16 +91,10 @@ fn points(map: &OverviewMap, lasers: &[LaserMark], events: &[EventMark]) -> Vec<
     lasers.chain(events).chain(corners).collect()
 }
 
-fn view_of(
-    map: &OverviewMap,
-    keep_m: &[[f64; 2]],
-    options: &Options,
-    min_px: [i32; 2],
-    max_px: [i32; 2],
-) -> View {
+fn window_of(map: &OverviewMap, keep_m: &[[f64; 2]], options: &Options) -> Window {
     let observed = |index: usize| map.classes.iter().any(|c| !c.share[index].is_nan());
     let crop: Option<&dyn Fn(usize) -> bool> = if options.crop { Some(&observed) } else { None };
-    View::new(&map.grid, crop, keep_m, min_px, max_px)
+    Window::new(&map.grid, crop, keep_m)
 }
 
 fn legend(map: &OverviewMap, lasers: &[LaserMark], events: &[EventMark]) -> Vec<(Key, String)> {

@@ -33,16 +33,21 @@ pub(crate) struct View {
     at: [i32; 2],
 }
 
-impl View {
-    /// Shows the cells for which `observed` holds and the points `keep_m` near the grid (or the
-    /// whole grid, if nothing was observed or `observed` is `None`) in at most `max_px` and, by
-    /// showing space outside the grid, at least `min_px`.
+/// The part of a grid that is to be shown: found once, fitted into pictures of any size.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    grid: GridGeometry,
+    /// First and last column, first and last row.
+    span: [[i64; 2]; 2],
+}
+
+impl Window {
+    /// The cells for which `observed` holds and the points `keep_m` near the grid, or the whole
+    /// grid, if nothing was observed or `observed` is `None`.
     pub fn new(
         grid: &GridGeometry,
         observed: Option<&dyn Fn(usize) -> bool>,
         keep_m: &[[f64; 2]],
-        min_px: [i32; 2],
-        max_px: [i32; 2],
     ) -> Self {
         let whole = [[0, i64::from(grid.columns) - 1], [0, i64::from(grid.rows) - 1]];
         let mut span = observed.and_then(|o| observed_span(grid, o)).unwrap_or(whole);
@@ -52,17 +57,37 @@ impl View {
             *side = [side[0].max(whole[axis][0]), side[1].min(whole[axis][1])];
         }
         keep_points(grid, keep_m, &mut span);
+        Self { grid: *grid, span }
+    }
+
+    /// It in at most `max_px` and, by showing more cells, or space outside the grid, at least
+    /// `min_px`.
+    pub fn view(&self, min_px: [i32; 2], max_px: [i32; 2]) -> View {
+        let Self { grid, span } = *self;
         let cells = span.map(|s| s[1] - s[0] + 1);
         let fits = |axis: usize| i64::from(max_px[axis]) / cells[axis];
         let cell_px = fits(0).min(fits(1)).clamp(1, i64::from(CELL_MAX_PX)) as i32;
         let needs = |axis: usize| (cells[axis] as u64).div_ceil(max_px[axis].max(1) as u64) as i64;
         let reduction = needs(0).max(needs(1)).max(1);
-        let mut view =
-            Self { grid: *grid, first: span.map(|s| s[0]), cells, cell_px, reduction, at: [0; 2] };
+        let first = span.map(|s| s[0]);
+        let mut view = View { grid, first, cells, cell_px, reduction, at: [0; 2] };
         for (axis, min_px) in min_px.into_iter().enumerate() {
             view.widen(axis, min_px);
         }
         view
+    }
+}
+
+impl View {
+    /// [`Window::new`] and [`Window::view`] in one.
+    pub fn new(
+        grid: &GridGeometry,
+        observed: Option<&dyn Fn(usize) -> bool>,
+        keep_m: &[[f64; 2]],
+        min_px: [i32; 2],
+        max_px: [i32; 2],
+    ) -> Self {
+        Window::new(grid, observed, keep_m).view(min_px, max_px)
     }
 
     /// Adds cells on both sides until the window is `min_px` long; where one side of the grid ends,
