@@ -100,15 +100,19 @@ Examples:
   tog replay walk.bag --out maps
   tog replay night.mcap --site building.toml --out maps --every-frame
 
-Writes per area (into DIR; into DIR/<area> if the site has several): collapsed_counts.npy
-(u64 [class,row,col]), classes.npy (u8 [frame,row,col]) and frames.npy (u64 lattice indices),
-occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per class, overview.png.
+Writes per area (into DIR; into DIR/<area> if the site has several): collapsed_counts.npy \
+(u64 [class,row,col]), classes.npy (u8 [frame,row,col]) and frames.npy (u64 lattice indices), \
+occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per class, overview.png. \
+If the results of another run are there they are left, and the replay is refused; with --force they \
+are removed first.
 
-Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the
-laser at (0, 0): a recording does not say how its lasers are mounted.
+Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the \
+laser at (0, 0): a recording does not say how its lasers are mounted. Where scans come more slowly \
+than 4 Hz, the frames do too.
 
-Exit code 0: replayed to the end. 1: refused; or the recording is cut, or most scans of a laser had to
-be dropped (what was replayed is written).")]
+Exit code 0: replayed to the end.
+1: refused; or the recording is cut, or most scans of a laser had to be dropped (what was replayed \
+is written).")]
 /// Arguments of `tog replay`.
 pub struct Replay {
     /// The recording, of any format that `tog bag info` reads.
@@ -119,6 +123,9 @@ pub struct Replay {
     /// Directory for the results; created.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Replace the results of an earlier run that are there.
+    #[arg(long)]
+    pub force: bool,
     /// Write the classes of every frame, not of one a second.
     #[arg(long)]
     pub every_frame: bool,

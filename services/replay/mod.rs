@@ -8,14 +8,17 @@
 //! | `layout.rs` | a site file for a recording that has none |
 //! | `lane.rs` | the scans of a laser, decoded on a thread of their own |
 //! | `area.rs` | one area: lanes -> pipeline -> files |
+//! | `words.rs` | what it says of itself |
 //! | `output.rs` | events.jsonl; grid.json and pictures as `services/map/` draws them |
 
 mod area;
 mod lane;
 pub mod layout;
 mod output;
+mod words;
 
 use crate::cli::{PresetName, Replay};
+use crate::map::overwrite;
 use crate::{fail, site_file};
 use area::AreaRun;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -62,6 +65,9 @@ pub enum ReplayError {
     /// A thread for the scans of a laser.
     #[error("cannot start a thread that reads the recording: {0}")]
     Thread(io::Error),
+    /// Results are there already.
+    #[error(transparent)]
+    Overwrite(#[from] overwrite::OverwriteError),
     /// A file of the results.
     #[error("cannot write the results to {}: {source}", path.display())]
     Write {
@@ -116,6 +122,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     // What is wrong with the site is told before a recording of hours is read.
     let site = arguments.site.as_deref().map(site_file::load).transpose()?;
     site.as_ref().map_or(Ok(()), all_replayed)?;
+    overwrite::for_run(&arguments.out, arguments.force)?;
     let recording = Recording::open(&arguments.recording)?;
     eprintln!("tog: reading {}", arguments.recording.display());
     let index = RecordingIndex::scan(&recording, |_| site.is_none().then(Pose::default))?;
@@ -130,7 +137,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     }
 
     let several = site.areas.len() > 1;
-    let (mut cut, mut mostly_dropped) = (None, Vec::new());
+    let (mut cut, mut mostly_dropped, mut too_short) = (None, Vec::new(), Vec::new());
     for (area_index, sources) in sources.into_iter().enumerate() {
         let area = &site.areas[area_index];
         let directory = if several { arguments.out.join(&area.id) } else { arguments.out.clone() };
@@ -144,13 +151,16 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         run.replay_all(&bar)?;
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
-        if let Some(why) = run.too_short() {
-            eprintln!("tog: {why}");
-        }
+        too_short.extend(run.too_short());
         cut = run.take_cut().or(cut);
         mostly_dropped.extend(run.mostly_dropped());
-        run.finish(&arguments.recording)?;
+        if let Some(why_empty) = run.finish(&arguments.recording)? {
+            eprintln!("tog: {why_empty}");
+        }
         eprintln!("tog: results of area {} are in {}", area.id, directory.display());
+    }
+    if let Some(why) = words::too_short(&too_short) {
+        eprintln!("tog: {why}");
     }
     Ok(Outcome { cut, mostly_dropped })
 }
@@ -191,6 +201,13 @@ fn laid_out(
             area.rows,
             area.cell_m * 100.0
         );
+        if area.frame_period_ms != layout::FRAME_PERIOD_MS {
+            eprintln!(
+                "tog: its scans come more slowly than 4 Hz: a frame every {} ms (frame_period_ms), of \
+                 scans not older than {} ms (scan_age_max_ms)",
+                area.frame_period_ms, area.scan_age_max_ms
+            );
+        }
     }
     eprintln!("tog: wrote {}: put the poses right there and replay with --site", path.display());
     Ok(site)

@@ -187,6 +187,37 @@ fn a_recording_of_others_is_replayed() {
 }
 
 #[test]
+fn scans_every_three_seconds_make_a_map_and_a_map_of_nothing_says_why() {
+    let scratch = scratch();
+    let (path, out) = (scratch.path().join("slow.mcap"), scratch.path().join("out"));
+    // Slow, and with a pause of an hour in the middle.
+    let slow = |number: u64| {
+        let mut scan = made::corner(0);
+        let pause_ns = if number < 60 { 0 } else { 3600 * 1_000_000_000 };
+        scan.stamp_ns = made::NEW_YEAR_NS + number * 3_000_000_000 + pause_ns;
+        (0, scan)
+    };
+    made::write(&path, &["/scan"], (0..120).map(slow));
+    let replay = |rest: &[&str]| {
+        let arguments = [Path::new("replay"), &path];
+        tog(&scratch, arguments.into_iter().chain(rest.iter().map(Path::new)))
+    };
+    let words = ["a frame every 3000 ms", "not older than 7500 ms (scan_age_max_ms)"];
+    let said = replay(&["--out", "out"]).expect(0, &words).err.clone();
+    assert!(!said.contains("no cell was ever classified"), "{said}");
+    replay(&["--out", "out"]).expect(1, &["a map is there already", "--force"]);
+    replay(&["--out", "out", "--force", "--preset", "paper"]).expect(0, &[]);
+    assert!(!out.join("transit.png").exists(), "of the run before");
+
+    let laid = std::fs::read_to_string(out.join("site.toml")).unwrap();
+    let fast: String =
+        laid.lines().filter(|line| !line.contains("_ms = ")).flat_map(|l| [l, "\n"]).collect();
+    std::fs::write(scratch.path().join("fast.toml"), fast).unwrap();
+    let words = ["no cell was ever classified: a scan comes every", "Set scan_age_max_ms = "];
+    replay(&["--site", "fast.toml", "--out", "nothing"]).expect(0, &words);
+}
+
+#[test]
 fn what_is_recovered_is_said_in_words_and_in_json() {
     let scratch = scratch();
     let (whole, cut) = (scratch.path().join("whole.mcap"), scratch.path().join("x.mcap.active"));
