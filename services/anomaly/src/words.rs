@@ -169,8 +169,8 @@ impl Told {
             EventKind::Loitering if gone => {
                 "Somebody stayed where people do not stay, and has left that place"
             }
-            EventKind::Loitering if self.moves_on() => {
-                "Somebody who stayed where people do not stay moves on"
+            EventKind::Loitering if self.moves() => {
+                "Somebody who stayed where people do not stay is moving now"
             }
             EventKind::Loitering => "Somebody stays where people do not stay",
             EventKind::ObjectLeft if gone => "What stood still where nothing stood is gone",
@@ -188,9 +188,8 @@ impl Told {
         words.to_owned()
     }
 
-    fn moves_on(self) -> bool {
-        self.now == EventKind::UnusualActivity
-            && matches!(self.seen, Some(Role::Passing | Role::Transit))
+    fn moves(self) -> bool {
+        matches!(self.seen, Some(Role::Passing | Role::Transit))
     }
 }
 
@@ -232,8 +231,8 @@ mod tests {
         assert_eq!(stays, "Somebody stays where people do not stay");
         let left = told(Loitering, Loitering, Role::Vacated);
         assert_eq!(left, "Somebody stayed where people do not stay, and has left that place");
-        let walks = told(Loitering, UnusualActivity, Role::Transit);
-        assert_eq!(walks, "Somebody who stayed where people do not stay moves on");
+        let walks = told(Loitering, Loitering, Role::Transit);
+        assert_eq!(walks, "Somebody who stayed where people do not stay is moving now");
         let taken = told(ObjectLeft, UnusualActivity, Role::Empty);
         assert_eq!(taken, "What stood still where nothing stood is gone");
         assert_eq!(told(Crowd, Crowd, Role::Lingering), "Far more people than usual, about 2");
