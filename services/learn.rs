@@ -62,17 +62,22 @@ pub fn run(arguments: &Learn) -> ExitCode {
         Err(error) => return fail(exit::BAD_CONFIG, error),
     };
     match from_the_past(&site, &base_dir(&arguments.site)) {
-        Ok(()) => ExitCode::from(exit::OK),
+        Ok(learnt) => {
+            let site_file = arguments.site.display();
+            let next = format!("next: tog run {site_file}\n");
+            crate::operate::write_out(&(learnt.join("") + &next), exit::OK)
+        }
         Err(error) => fail(exit::FAILED, error),
     }
 }
 
 /// Shows the cores of every area the past up to the present, and leaves what they learnt in the state
-/// directory.
+/// directory. A line for each area says what was learnt.
 ///
 /// # Errors
 /// If a laser is not simulated, or the results cannot be written.
-pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<(), LearnError> {
+pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<Vec<String>, LearnError> {
+    let mut learnt = Vec::new();
     let state_dir = base_dir.join(&site.state_dir);
     fs::create_dir_all(&state_dir)
         .map_err(|source| LearnError::Write { path: state_dir.clone(), source })?;
@@ -87,8 +92,15 @@ pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<(), LearnError> {
         catch_up(&mut pipeline, sources, begin_ns, &bar);
         bar.finish_and_clear();
         store(&mut pipeline, &state_dir)?;
+        learnt.push(format!(
+            "area {}: learnt {:.0} min of its past; {}; kept in {}\n",
+            pipeline.area.id,
+            pipeline.watch.learnt_s() / 60.0,
+            pipeline.watch.phase_words(),
+            state_dir.display()
+        ));
     }
-    Ok(())
+    Ok(learnt)
 }
 
 fn sources_of(
