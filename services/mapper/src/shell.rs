@@ -102,7 +102,11 @@ impl Mapper {
 
     /// Goes on from the checkpoint, or says why not and keeps it aside.
     fn restore(&mut self, path: &Path, health: &mut HealthReporter) -> Result<(), Failure> {
-        let read = checkpoint::read(path, &self.core.describe());
+        let read = checkpoint::read(
+            path,
+            &self.core.describe(),
+            checkpoint::body_bytes_max(self.core.grid().config()),
+        );
         let problem = match read {
             Ok(None) => return Ok(()),
             Ok(Some(checkpoint)) => match self.core.restore(&checkpoint) {

@@ -15,7 +15,7 @@ use crate::name_lock::{NameLock, NameTaken};
 use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::BusError;
-use crate::state_lock::{StateLock, StateTaken};
+use crate::state_lock::{StateError, StateLock};
 use iceoryx2::prelude::{Node, ipc};
 use protocol::site::{Pace, Site, Source};
 use rustix::fs::{FlockOperation, flock};
@@ -69,7 +69,7 @@ pub enum OwnerError {
     },
     /// Another site, or `tog learn`, writes the state directory.
     #[error(transparent)]
-    StateTaken(#[from] StateTaken),
+    State(#[from] StateError),
     /// The run directory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
@@ -202,6 +202,14 @@ impl Owner {
     #[must_use]
     pub fn first_missing(&self) -> Option<&Path> {
         self.made.iter().find(|path| !path.exists()).map(PathBuf::as_path)
+    }
+
+    /// See [`StateLock::look`].
+    ///
+    /// # Errors
+    /// If somebody else writes the state directory now.
+    pub fn look_at_state(&mut self) -> Result<Option<String>, StateError> {
+        self.state_lock.as_mut().map_or(Ok(None), StateLock::look)
     }
 
     /// What workers are handed.
