@@ -78,6 +78,7 @@ impl Service {
         let state_dir = worker.instance.state_dir.clone();
         let fail = |error: std::io::Error| Failure::Failed(error.to_string());
         process::state_lock::create(&state_dir).map_err(fail)?;
+        worker.health.set_fault("model_storage", process::state_lock::shortage(&state_dir));
         let mut watch = Watch::new(&area, &worker.site.lasers);
         let stamp_ns = wall_ns();
         if let Some(words) =

@@ -111,7 +111,8 @@ fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
         fs::create_dir_all(parent)?;
     }
     let new = beside(path, ".new");
-    let written = File::create(&new).and_then(|mut file| {
+    let _ = fs::remove_file(&new); // of a run that was killed; never written through, nor waited for
+    let written = File::create_new(&new).and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_data()
     });

@@ -47,6 +47,9 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let mut mapper = Mapper::open(worker)?;
     let path = checkpoint_path(&worker.instance.state_dir, &mapper.area.id);
     mapper.restore(&path, &mut worker.health)?;
+    // As a checkpoint that failed: the first that is written clears it.
+    let shortage = process::state_lock::shortage(&worker.instance.state_dir);
+    worker.health.set_fault("checkpoint_failed", shortage);
     let mut writer = Writer::start(path)?;
     let period_ns = (mapper.area.checkpoint_s * SECOND_NS as f64) as u64;
     let mut due_mono_ns = monotonic_ns() + period_ns;

@@ -11,6 +11,7 @@ use crate::descriptors;
 use crate::event_loop::EventLoop;
 use crate::instance::{Instance, InstanceError, RUN_DIR_BYTES_MAX, make_private_dir};
 use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, shared_memory_of, wipe};
+use crate::logging;
 use crate::name_lock::{NameLock, NameTaken};
 use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
@@ -264,8 +265,15 @@ impl std::fmt::Debug for Owner {
 
 impl Drop for Owner {
     fn drop(&mut self) {
+        let is_torn = self.first_missing().is_some();
+        if is_torn {
+            logging::hush();
+        }
         self.factories.clear();
         self.node = None;
+        if is_torn {
+            logging::speak();
+        }
         wipe(&self.instance);
         // The lock's file goes last: who waits for it looks whether it is still the one in the directory.
         let _ = fs::remove_file(self.instance.lock_file());

@@ -40,6 +40,9 @@ pub enum StateError {
     },
 }
 
+/// Less room than that holds no model and no journal page.
+const FREE_BYTES_MIN: u64 = 64 << 10;
+
 /// Held as long as the state directory is written; gone with the process, however it ends.
 #[derive(Debug)]
 pub struct StateLock {
@@ -176,6 +179,23 @@ pub fn create(state_dir: &Path) -> io::Result<()> {
         };
         io::Error::new(error.kind(), what)
     })
+}
+
+/// Says in words that the disk under a state directory is full, if it is: a service tells it at its
+/// start, and not only when it writes for the first time.
+#[must_use]
+pub fn shortage(state_dir: &Path) -> Option<String> {
+    let found = rustix::fs::statvfs(state_dir).ok()?;
+    // File systems without blocks do not say how much room there is.
+    let free_bytes = found.f_bavail.saturating_mul(found.f_frsize);
+    if found.f_blocks == 0 || free_bytes >= FREE_BYTES_MIN {
+        return None;
+    }
+    Some(format!(
+        "the disk of the state directory {} is full ({free_bytes} bytes are free): free space on it, \
+         or a restart loses what was learnt since the last copy",
+        state_dir.display()
+    ))
 }
 
 /// Refuses what is there and is not what was expected.

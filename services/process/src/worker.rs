@@ -135,7 +135,11 @@ pub fn run(
     logging::start();
     name_process(&role);
     let outcome = Worker::start(role, run_dir).and_then(|mut worker| {
-        body(&mut worker)?;
+        let ended = body(&mut worker);
+        if !worker.instance.iceoryx_config().exists() {
+            logging::hush(); // the supervisor says that it is gone
+        }
+        ended?;
         worker.health.tell();
         Ok(())
     });
