@@ -113,6 +113,7 @@ impl Owner {
     /// # Errors
     /// If another owner lives, memory is too small, or a file or service cannot be made.
     pub fn start(site: &Site, options: &OwnerOptions) -> Result<Self, OwnerError> {
+        logging::speak(); // the owner before may have lost its files
         let plan = Plan::new(site);
         let lossless = is_lossless(site);
         let topics = all_topics(&plan, lossless);
@@ -265,15 +266,8 @@ impl std::fmt::Debug for Owner {
 
 impl Drop for Owner {
     fn drop(&mut self) {
-        let is_torn = self.first_missing().is_some();
-        if is_torn {
-            logging::hush();
-        }
         self.factories.clear();
         self.node = None;
-        if is_torn {
-            logging::speak();
-        }
         wipe(&self.instance);
         // The lock's file goes last: who waits for it looks whether it is still the one in the directory.
         let _ = fs::remove_file(self.instance.lock_file());

@@ -32,8 +32,8 @@ pub fn start() {
 }
 
 /// From here on iceoryx2 speaks of errors only: when somebody has removed its files, it would say so
-/// of each, and we have said it once. [`speak`] ends it.
-pub(crate) fn hush() {
+/// of each, and we have said it once. The next [`crate::domain::Owner`] ends it.
+pub fn hush() {
     set_log_level(LogLevel::Error);
 }
 

@@ -283,6 +283,7 @@ impl Supervisor {
              processes stop and the site begins anew, from its state directory",
             path.display()
         ));
+        process::logging::hush();
         let (code, since_ns) = (exit::OK, monotonic_ns());
         self.phase = Phase::Stopping { code, stage: 0, since_ns, anew: true };
         true
