@@ -35,7 +35,7 @@ pub enum LearnError {
     },
     /// The site runs.
     #[error(transparent)]
-    StateTaken(#[from] process::state_lock::StateTaken),
+    State(#[from] process::state_lock::StateError),
     /// What was learnt cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {

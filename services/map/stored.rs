@@ -79,7 +79,8 @@ impl StoredMap {
         let file = mapper::shell::checkpoint_path(&state_dir, &area.id);
         let config = GridConfig::of_area(area);
         let expected = checkpoint::describe(&area.grid(), area.lattice().period_ns(), &config);
-        let Some(found) = checkpoint::read(&file, &expected)? else {
+        let bytes_max = checkpoint::body_bytes_max(&config);
+        let Some(found) = checkpoint::read(&file, &expected, bytes_max)? else {
             let help = "`tog run` or `tog learn` of the site writes it".to_owned();
             return Err(MapError::NoMap { path: file, help });
         };

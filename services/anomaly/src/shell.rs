@@ -76,10 +76,9 @@ impl Service {
         };
         let area = area.clone();
         let state_dir = worker.instance.state_dir.clone();
-        let fail = |error: std::io::Error| {
-            Failure::Failed(format!("the state directory {}: {error}", state_dir.display()))
-        };
-        std::fs::create_dir_all(&state_dir).map_err(fail)?;
+        let fail = |error: std::io::Error| Failure::Failed(error.to_string());
+        process::state_lock::create(&state_dir).map_err(fail)?;
+        worker.health.set_fault("model_storage", process::state_lock::shortage(&state_dir));
         let mut watch = Watch::new(&area, &worker.site.lasers);
         let stamp_ns = wall_ns();
         if let Some(words) =
