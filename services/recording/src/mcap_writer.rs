@@ -5,13 +5,17 @@
 //! is written it is locked (`flock`), so that whoever looks for left-overs can tell the living
 //! from the dead.
 //!
+//! What topics are stands in the first chunk, and again behind it and every few megabytes (see
+//! [`crate::definitions`]): a damaged spot costs its chunk and no other.
+//!
 //! Nothing is flushed by itself: [`McapWriter::flush`] closes the chunk and gives it to the
 //! system, and whoever calls it every second loses a second at most when the process is killed.
 
+use crate::definitions::{DEFINITIONS_OPCODE, Definitions, channel_record, schema_record};
 use crate::error::RecordingError;
 use crate::mcap_file::words;
 use crate::ros2::MessageType;
-use mcap::records::MessageHeader;
+use mcap::records::{MessageHeader, op};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -27,6 +31,8 @@ pub const ACTIVE_SUFFIX: &str = ".active";
 pub(crate) const LIBRARY: &str = concat!("tog ", env!("CARGO_PKG_VERSION"), " mcap-rust/0.26");
 /// The profile of a recording of ours.
 pub(crate) const PROFILE: &str = "ros2";
+/// How the types of messages are defined.
+const SCHEMA_ENCODING: &str = "ros2msg";
 /// How rosbag2 is told that a topic is latched: subscribers that come late get the last message.
 const LATCHED_QOS: &str = "\
 - history: keep_last
@@ -164,6 +170,7 @@ pub struct McapWriter {
     writer: Writer<Measured>,
     channels: Vec<(u16, u32)>,
     facts: FileFacts,
+    definitions: Definitions,
     length: std::sync::Arc<std::sync::atomic::AtomicU64>,
 }
 
@@ -220,6 +227,7 @@ impl McapWriter {
             writer,
             channels: Vec::new(),
             facts: FileFacts { name, ..FileFacts::default() },
+            definitions: Definitions::default(),
             length,
         })
     }
@@ -253,11 +261,15 @@ impl McapWriter {
             notes.insert("offered_qos_profiles".to_owned(), topic.qos().to_owned());
         }
         let definition = message_type.definition().as_bytes();
-        let added = self
-            .writer
-            .add_schema(message_type.name(), "ros2msg", definition)
-            .and_then(|schema| self.writer.add_channel(schema, &topic.name, "cdr", &notes));
-        let channel = added.map_err(|error| write_error(&self.active_path, &error))?;
+        let name = message_type.name();
+        let added = self.writer.add_schema(name, SCHEMA_ENCODING, definition).and_then(|schema| {
+            Ok((schema, self.writer.add_channel(schema, &topic.name, "cdr", &notes)?))
+        });
+        let (schema, channel) = added.map_err(|error| write_error(&self.active_path, &error))?;
+        if !self.facts.topics.iter().any(|topic| topic.message_type == name) {
+            self.define(op::SCHEMA, &schema_record(schema, name, SCHEMA_ENCODING, definition));
+        }
+        self.define(op::CHANNEL, &channel_record(channel, schema, &topic.name, "cdr", &notes));
         self.channels.push((channel, 0));
         self.facts.topics.push(TopicFacts {
             name: topic.name.clone(),
@@ -343,7 +355,19 @@ impl McapWriter {
     /// # Errors
     /// [`RecordingError::Write`], as a full disk.
     pub fn flush(&mut self) -> Result<(), RecordingError> {
-        self.writer.flush().map_err(|error| write_error(&self.active_path, &error))
+        let mut flushed = Ok(());
+        if let Some(record) = self.definitions.due(self.bytes()) {
+            flushed =
+                self.writer.write_private_record(DEFINITIONS_OPCODE, &record, Default::default());
+        }
+        flushed
+            .and_then(|()| self.writer.flush())
+            .map_err(|error| write_error(&self.active_path, &error))
+    }
+
+    /// Takes note of a schema or channel, to be repeated outside the chunks.
+    pub(crate) fn define(&mut self, opcode: u8, record: &[u8]) {
+        self.definitions.add(opcode, record);
     }
 
     /// The writer of the library, for what only recovery needs.

@@ -146,6 +146,46 @@ fn a_damaged_chunk_costs_its_second_and_no_other() {
     assert_eq!(recovered.facts.messages, 2 * (SECONDS - 1) * RATE_HZ);
 }
 
+/// Sixty-four bytes of zeros: in the chunk, over its head, over everything up to the next one.
+#[test]
+fn a_damaged_first_chunk_costs_its_second_and_the_definitions_are_known_anyway() {
+    let room = Room::new();
+    let whole = fs::read(&room.whole).unwrap();
+    let magic = |byte: usize| {
+        whole[byte] == 6
+            && whole[byte..]
+                .get(41..50)
+                .is_some_and(|head| head.windows(4).any(|word| word == b"zstd"))
+    };
+    let chunk = (8..whole.len()).find(|at| magic(*at)).unwrap();
+    let (bad, saved) = (room.path("bad.mcap"), room.path("saved.mcap"));
+    let all = scans(&room.whole);
+    let second = 2 * RATE_HZ as usize;
+    for hole in [chunk, chunk + 5, chunk + 100, chunk + 1000] {
+        // Complete but for the hole, and cut besides: then no index helps.
+        for cut in [whole.len(), room.safe[15].0 as usize] {
+            let mut with_hole = whole[..cut].to_vec();
+            with_hole[hole..hole + 64].fill(0);
+            fs::write(&bad, with_hole).unwrap();
+            let recovered = recover(&bad, &saved, |_, _| {}).unwrap();
+            let seconds = if cut == whole.len() { SECONDS as usize } else { 15 };
+            assert_eq!(recovered.damaged, 1, "{hole}: {recovered:?}");
+            assert!(recovered.bytes_damaged > 1000 && recovered.chunks > 10, "{recovered:?}");
+            assert_eq!(scans(&saved), all[second..seconds * second], "hole at {hole}");
+            // What was recovered is as hard to hurt as the original.
+            let mut again = fs::read(&saved).unwrap();
+            let chunk = (8..again.len())
+                .find(|at| again[*at] == 6 && again[*at..][..60].windows(4).any(|w| w == b"zstd"))
+                .unwrap();
+            again[chunk + 300..chunk + 364].fill(0);
+            fs::write(&bad, again).unwrap();
+            let twice = room.path("twice.mcap");
+            recover(&bad, &twice, |_, _| {}).unwrap();
+            assert_eq!(scans(&twice), all[2 * second..seconds * second]);
+        }
+    }
+}
+
 #[test]
 fn garbage_is_refused_or_gives_an_empty_recording() {
     let room = Room::new();
