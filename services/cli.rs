@@ -104,7 +104,8 @@ Writes per area (into DIR; into DIR/<area> if the site has several): collapsed_c
 (u64 [class,row,col]), classes.npy (u8 [frame,row,col]) and frames.npy (u64 lattice indices),
 occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per class, overview.png.
 
-Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the
+Without --site a recording of ours is replayed with the site that is attached to it (unless --preset
+is said); of any other every laser gets an area of its own, laid round its scans with 10 cm cells and the
 laser at (0, 0): a recording does not say how its lasers are mounted.
 
 Exit code 0: replayed to the end. 1: refused; or the recording is cut, or most scans of a laser had to

@@ -99,7 +99,7 @@ pub use format::Format;
 pub use index::{GAP_NS, RecordingIndex, TopicSummary};
 pub use info::{OtherTopic, RecordingInfo, Sample, TopicInfo};
 pub use mcap_writer::{
-    ACTIVE_SUFFIX, FileFacts, McapWriter, TopicFacts, TopicSpec, WrittenFile, active_path,
+    ACTIVE_SUFFIX, FileFacts, McapWriter, Place, TopicFacts, TopicSpec, WrittenFile, active_path,
 };
 pub use options::{Echo, ReadOptions};
 pub use recording::{RecordedScan, Recording, Scans};

@@ -21,6 +21,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// Chunk size that rosbag2 documents: large enough for zstd, small enough to hold.
@@ -163,6 +164,17 @@ impl Seek for Measured {
     }
 }
 
+/// What became of the name of a file that is being written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// It has it.
+    Kept,
+    /// The file has another name.
+    Moved,
+    /// It has none: what was written is gone when it is closed.
+    Deleted,
+}
+
 /// A recording that is being written.
 pub struct McapWriter {
     path: PathBuf,
@@ -171,6 +183,8 @@ pub struct McapWriter {
     channels: Vec<(u16, u32)>,
     facts: FileFacts,
     definitions: Definitions,
+    /// The open file once more, to be asked where it is.
+    witness: File,
     length: std::sync::Arc<std::sync::atomic::AtomicU64>,
 }
 
@@ -180,6 +194,23 @@ pub fn active_path(path: &Path) -> PathBuf {
     let mut active = path.to_owned().into_os_string();
     active.push(ACTIVE_SUFFIX);
     PathBuf::from(active)
+}
+
+/// Refuses what is neither absent nor a file: a device, a pipe, a directory, a link would be
+/// replaced, or waited for.
+///
+/// # Errors
+/// [`RecordingError::Io`].
+pub(crate) fn check_replaceable(path: &Path) -> Result<(), RecordingError> {
+    let io = |source| RecordingError::Io { path: path.to_owned(), action: "write", source };
+    match fs::symlink_metadata(path) {
+        Ok(found) if found.is_file() => Ok(()),
+        Ok(_) => Err(io(io::Error::other(
+            "found a directory, a link, a device or a pipe, expected a file or nothing",
+        ))),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(io(error)),
+    }
 }
 
 impl McapWriter {
@@ -198,6 +229,8 @@ impl McapWriter {
         profile: &str,
         library: &str,
     ) -> Result<Self, RecordingError> {
+        check_replaceable(path)?;
+        check_replaceable(&active_path)?;
         let io =
             |source| RecordingError::Io { path: active_path.clone(), action: "create", source };
         let open = File::options().write(true).create(true).truncate(false).open(&active_path);
@@ -218,6 +251,7 @@ impl McapWriter {
             .chunk_size(Some(CHUNK_BYTES));
         let length = std::sync::Arc::default();
         let told = std::sync::Arc::clone(&length);
+        let witness = file.try_clone().map_err(io)?;
         let measured = Measured { file: BufWriter::new(file), position: 0, length: 0, told };
         let writer = options.create(measured).map_err(|error| write_error(&active_path, &error))?;
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -228,6 +262,7 @@ impl McapWriter {
             channels: Vec::new(),
             facts: FileFacts { name, ..FileFacts::default() },
             definitions: Definitions::default(),
+            witness,
             length,
         })
     }
@@ -363,6 +398,23 @@ impl McapWriter {
         flushed
             .and_then(|()| self.writer.flush())
             .map_err(|error| write_error(&self.active_path, &error))
+    }
+
+    /// Whether what is written still has the name `<path>.active`.
+    #[must_use]
+    pub fn place(&self) -> Place {
+        // A file that cannot be asked is where it was: its writes say what is wrong.
+        let Ok(written) = self.witness.metadata() else { return Place::Kept };
+        if written.nlink() == 0 {
+            return Place::Deleted;
+        }
+        match fs::symlink_metadata(&self.active_path) {
+            Ok(there) if (there.dev(), there.ino()) == (written.dev(), written.ino()) => {
+                Place::Kept
+            }
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Place::Kept,
+            _ => Place::Moved,
+        }
     }
 
     /// Takes note of a schema or channel, to be repeated outside the chunks.

@@ -248,3 +248,22 @@ mod any_bytes {
         }
     }
 }
+
+#[test]
+fn only_files_are_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    std::os::unix::fs::symlink(path("elsewhere"), path("link.mcap")).unwrap();
+    fs::create_dir(path("dir.mcap")).unwrap();
+    // As `mkfifo`: opening it would wait for a reader.
+    for name in ["pipe.mcap", "x.mcap.active"] {
+        let made = std::process::Command::new("mkfifo").arg(path(name)).status().unwrap();
+        assert!(made.success());
+    }
+    for name in ["link.mcap", "dir.mcap", "pipe.mcap", "x.mcap"] {
+        let error = McapWriter::create(path(name)).err().unwrap().to_string();
+        assert!(error.contains("expected a file or nothing"), "{name}: {error}");
+        let error = recording::CsvWriter::create(path(name), 3).err().unwrap().to_string();
+        assert!(error.contains("expected a file or nothing"), "{name}: {error}");
+    }
+}
