@@ -95,6 +95,16 @@ pub(crate) fn next_known(file: &Arc<File>, from: u64, length: u64) -> io::Result
     Ok(None)
 }
 
+/// True if the lengths in the head of a chunk fit each other. Zeros in it are not found by its
+/// checksum: they say that it has none, and no records.
+pub(crate) fn is_chunk(file: &Arc<File>, chunk: Place) -> io::Result<bool> {
+    let there = CHUNK_HEAD_BYTES_MAX.min(usize::try_from(chunk.length + HEAD_BYTES).unwrap_or(0));
+    let mut head = [0; CHUNK_HEAD_BYTES_MAX];
+    let head = &mut head[..there];
+    Section::new(Arc::clone(file), chunk.offset, chunk.end()).read_exact(head)?;
+    Ok(chunk_length(head) == Some(chunk.length))
+}
+
 /// The length of a chunk whose head these bytes begin with, if they do.
 fn chunk_length(bytes: &[u8]) -> Option<u64> {
     let mut cursor = Cursor::packed(bytes.get(1..CHUNK_HEAD_BYTES_MAX.min(bytes.len()))?);

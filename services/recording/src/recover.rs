@@ -11,7 +11,7 @@ use crate::definitions::{DEFINITIONS_BYTES_MAX, Found};
 use crate::error::RecordingError;
 use crate::facts::file_facts;
 use crate::format::{Format, MCAP_MAGIC, detect};
-use crate::mcap_records::{Next, body, next_known, place_at, unpack};
+use crate::mcap_records::{Next, body, is_chunk, next_known, place_at, unpack};
 use crate::mcap_writer::{FileFacts, LIBRARY, McapWriter, TopicFacts};
 use crate::options::ReadOptions;
 use mcap::records::{MessageHeader, op};
@@ -237,6 +237,12 @@ fn walk(
             }
             op::CHUNK => {
                 walked.chunks += 1;
+                if !is_chunk(file, place).map_err(Stop::Read)? {
+                    let bytes = place.end() - place.offset;
+                    walked.damage(place.offset, bytes, "a chunk without its head".to_owned());
+                    walked.end = place.end();
+                    continue;
+                }
                 let mut failed = None;
                 let unpacked = unpack(file, place, |opcode, body| {
                     sink.take(opcode, body).map_err(|error| {
