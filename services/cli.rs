@@ -106,9 +106,10 @@ occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per
 If the results of another run are there they are left, and the replay is refused; with --force they \
 are removed first.
 
-Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the \
-laser at (0, 0): a recording does not say how its lasers are mounted. Where scans come more slowly \
-than 4 Hz, the frames do too.
+Without --site a recording of ours is replayed with the site that is attached to it (unless --preset \
+is said); of any other every laser gets an area of its own, laid round its scans with 10 cm cells and \
+the laser at (0, 0): a recording does not say how its lasers are mounted. Where scans come more \
+slowly than 4 Hz, the frames do too.
 
 Exit code 0: replayed to the end.
 1: refused; or the recording is cut, or most scans of a laser had to be dropped (what was replayed \

@@ -17,6 +17,7 @@ pub mod layout;
 mod output;
 mod words;
 
+use crate::bag::site::{RecordedSiteError, attached, fed_by};
 use crate::cli::{PresetName, Replay};
 use crate::map::overwrite;
 use crate::{fail, site_file};
@@ -24,7 +25,7 @@ use area::AreaRun;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use process::exit;
 use protocol::geometry::Pose;
-use protocol::site::{Laser, Preset, Site, Source};
+use protocol::site::{Laser, Pace, Preset, Site, Source};
 use protocol::time::SECOND_NS;
 use recording::{Recording, RecordingIndex};
 use std::io;
@@ -82,6 +83,9 @@ pub enum ReplayError {
     /// A picture that cannot be drawn.
     #[error(transparent)]
     Figure(#[from] figures::FigureError),
+    /// The site that is attached to the recording.
+    #[error(transparent)]
+    Recorded(#[from] RecordedSiteError),
     /// The site file.
     #[error(transparent)]
     SiteFile(#[from] site_file::SiteFileError),
@@ -112,7 +116,9 @@ pub fn main(arguments: &Replay) -> ExitCode {
         Ok(Outcome { cut: Some(cut), .. }) => {
             fail(exit::FAILED, format_args!("{cut}; what came before is replayed and written"))
         }
-        Err(error @ ReplayError::SiteFile(_)) => fail(exit::BAD_CONFIG, error),
+        Err(
+            error @ (ReplayError::SiteFile(_) | ReplayError::Recorded(RecordedSiteError::Site(_))),
+        ) => fail(exit::BAD_CONFIG, error),
         Err(error) => fail(exit::FAILED, error),
     }
 }
@@ -124,12 +130,19 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     site.as_ref().map_or(Ok(()), all_replayed)?;
     overwrite::for_run(&arguments.out, arguments.force)?;
     let recording = Recording::open(&arguments.recording)?;
+    let attached = if site.is_none() { attached_site(arguments, &recording)? } else { None };
+    let has_site = site.is_some() || attached.is_some();
     eprintln!("tog: reading {}", arguments.recording.display());
-    let index = RecordingIndex::scan(&recording, |_| site.is_none().then(Pose::default))?;
+    let index = RecordingIndex::scan(&recording, |_| (!has_site).then(Pose::default))?;
     report_contents(&index);
-    let site = match site {
-        Some(site) => site,
-        None => laid_out(arguments, &recording, &index)?,
+    let site = match (site, attached) {
+        (Some(site), _) => site,
+        (None, Some(site)) => {
+            let topics: Vec<String> =
+                index.topics.iter().map(|topic| topic.topic.to_string()).collect();
+            fed_by(site, &arguments.recording, &topics, Pace::default())?
+        }
+        (None, None) => laid_out(arguments, &recording, &index)?,
     };
     let mut sources = Vec::with_capacity(site.areas.len());
     for area in &site.areas {
@@ -163,6 +176,18 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         eprintln!("tog: {why}");
     }
     Ok(Outcome { cut, mostly_dropped })
+}
+
+/// The site that our recorder put into the recording; not if a preset is asked for, which is of a
+/// site that is laid out.
+fn attached_site(
+    arguments: &Replay,
+    recording: &Recording,
+) -> Result<Option<Site>, RecordedSiteError> {
+    match arguments.preset {
+        PresetName::Default => attached(recording),
+        PresetName::Paper | PresetName::Onehot => Ok(None),
+    }
 }
 
 /// Refuses a site with a laser that no recording can feed.
@@ -214,7 +239,9 @@ fn laid_out(
 }
 
 fn report_contents(index: &RecordingIndex) {
-    for topic in &index.topics {
+    let mut topics: Vec<_> = index.topics.iter().collect();
+    topics.sort_by(|a, b| a.topic.cmp(&b.topic)); // as `tog bag info` shows them
+    for topic in topics {
         let percent = |part: u64| 100.0 * part as f64 / topic.readings.max(1) as f64;
         let span_s = (topic.last_stamp_ns - topic.first_stamp_ns) as f64 / SECOND_NS as f64;
         eprintln!(

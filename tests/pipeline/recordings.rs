@@ -73,6 +73,14 @@ fn round_trip(recording: &Path, site: &str, topics: &[(&str, &str)]) {
     let again_path = scratch.path().join("again.toml");
     std::fs::write(&again_path, again).unwrap();
     same_arrays(&original, &replay(&scratch, &recorded, &again_path, "again"));
+    // Alone: the site that is attached to it, of the file and of its directory.
+    for (name, path) in [("file", recorded.as_path()), ("bag", recorded.parent().unwrap())] {
+        let out = scratch.path().join(name);
+        let end = ["--every-frame".as_ref(), "--out".as_ref(), out.as_path()];
+        let arguments = ["replay".as_ref(), path].into_iter().chain(end);
+        tog(&scratch, arguments).expect(0, &["the site is the one that is attached"]);
+        same_arrays(&original, &out);
+    }
     let classes: BTreeSet<u8> =
         Npy::read(&original.join("classes.npy")).bytes.into_iter().collect();
     assert!(classes.len() > 3, "nothing was compared: only classes {classes:?}");

@@ -42,7 +42,7 @@ fn a_removed_run_directory_lets_no_second_instance_in_and_comes_back() {
     let log = site.log();
     log.wait_for("the site begins anew");
     site.wait_until_frames_flow(10);
-    let flood = |line: &&String| line.contains("static storage") || line.contains("iceoryx");
+    let flood = |line: &&String| line.contains("static storage") || line.contains("origin=");
     assert_eq!(log.all().iter().filter(flood).count(), 0, "{}", log.text());
     site.stop();
 }
