@@ -103,15 +103,20 @@ Examples:
   tog replay walk.bag --out maps
   tog replay night.mcap --site building.toml --out maps --every-frame
 
-Writes per area (into DIR; into DIR/<area> if the site has several): collapsed_counts.npy
-(u64 [class,row,col]), classes.npy (u8 [frame,row,col]) and frames.npy (u64 lattice indices),
-occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per class, overview.png.
+Writes per area (into DIR; into DIR/<area> if the site has several): collapsed_counts.npy \
+(u64 [class,row,col]), classes.npy (u8 [frame,row,col]) and frames.npy (u64 lattice indices), \
+occupancy_last.npy (f64 [timescale,row,col]), grid.json, events.jsonl, a PNG per class, overview.png. \
+If the results of another run are there they are left, and the replay is refused; with --force they \
+are removed first.
 
-Without --site every laser gets an area of its own, laid round its scans with 10 cm cells and the
-laser at (0, 0): a recording does not say how its lasers are mounted.
+Without --site a recording of ours is replayed with the site that is attached to it (unless --preset \
+is said); of any other every laser gets an area of its own, laid round its scans with 10 cm cells and \
+the laser at (0, 0): a recording does not say how its lasers are mounted. Where scans come more \
+slowly than 4 Hz, the frames do too.
 
-Exit code 0: replayed to the end. 1: refused; or the recording is cut, or most scans of a laser had to
-be dropped (what was replayed is written).")]
+Exit code 0: replayed to the end.
+1: refused; or the recording is cut, or most scans of a laser had to be dropped (what was replayed \
+is written).")]
 /// Arguments of `tog replay`.
 pub struct Replay {
     /// The recording, of any format that `tog bag info` reads.
@@ -122,6 +127,9 @@ pub struct Replay {
     /// Directory for the results; created.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Replace the results of an earlier run that are there.
+    #[arg(long)]
+    pub force: bool,
     /// Write the classes of every frame, not of one a second.
     #[arg(long)]
     pub every_frame: bool,
@@ -176,7 +184,10 @@ Examples:
   tog learn deploy/foyer.toml && tog run deploy/foyer.toml
 
 Shows the area as much of its simulated past as its detector learns and calibrates from, up to now,
-and leaves map and normal model in the state directory: `tog run` then watches from its start.")]
+and leaves map and normal model in the state directory: `tog run` then watches from its start.
+
+Exit code 0: learnt. 1: a laser is not simulated, the site runs, or the disk refuses. 2: usage.
+78: the site file is wrong.")]
 /// Arguments of `tog learn`.
 pub struct Learn {
     /// The site file; all its lasers are simulated.
@@ -190,9 +201,13 @@ Examples:
   tog status deploy/foyer.toml --verbose
   tog status deploy/foyer.toml --format json
 
-A line per service: its state, how long it runs, what it delivers a second, how old its last data
-is; below it what is wrong. Exit code 0: all is well. 1: something is wrong, or the site does not
-run.")]
+A line per service: its state, how long it runs, what it delivers a second, and `age`: of a laser
+the time since its newest scan was taken, of the others the time since they last told how they are
+(once a second; after 3 s a service is not well). Below it how far an area has learnt, and what is
+wrong, open faults of the feed included.
+
+Exit code 0: all is well. 1: something is wrong, or the site does not run. 2: usage. 78: the site
+file is wrong.")]
 /// Arguments of `tog status`.
 pub struct Status {
     /// The site file of the running site.
@@ -224,13 +239,19 @@ pub enum AlertsVerb {
     #[command(after_help = "\
 Examples:
   tog alerts list deploy/foyer.toml --last 20
-  tog alerts list deploy/foyer.toml --open --format json")]
+  tog alerts list deploy/foyer.toml --open --format json
+
+Exit code 0: listed, also if nothing matches. 1: there is no journal, or it cannot be read. 2: usage.
+78: the site file is wrong.")]
     List(AlertsList),
     /// Follow the alerts of a running site; picks up again when the site restarts.
     #[command(after_help = "\
 Examples:
   tog alerts watch deploy/foyer.toml
-  tog alerts watch deploy/foyer.toml --from-start --format json")]
+  tog alerts watch deploy/foyer.toml --from-start --format json
+
+Exit code 0: ended by Ctrl-C or by its reader. 1: the site does not run, or its state directory is
+gone. 2: usage. 78: the site file is wrong.")]
     Watch(AlertsWatch),
 }
 
@@ -278,7 +299,9 @@ Examples:
 Opens the scenes and recordings that the lasers are fed from, too; warns if the first scans of a
 recording lie outside the area.
 
-Exit code 0: right. 78: wrong, with every error, its line and a caret.")]
+Exit code 0: right. 78: wrong, with every error of the file, its line and a caret; when the file is
+right, every error of the scenes and recordings that it names. With --format json the errors are on
+stdout: `items`, each with `line`, `column` and `message`.")]
 /// Arguments of `tog check`.
 pub struct Check {
     /// The site file.

@@ -36,7 +36,7 @@ pub enum LearnError {
     },
     /// The site runs.
     #[error(transparent)]
-    StateTaken(#[from] process::state_lock::StateTaken),
+    State(#[from] process::state_lock::StateError),
     /// What was learnt cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -63,17 +63,22 @@ pub fn run(arguments: &Learn) -> ExitCode {
         Err(error) => return fail(exit::BAD_CONFIG, error),
     };
     match from_the_past(&site, &base_dir(&arguments.site)) {
-        Ok(()) => ExitCode::from(exit::OK),
+        Ok(learnt) => {
+            let site_file = arguments.site.display();
+            let next = format!("next: tog run {site_file}\n");
+            crate::operate::write_out(&(learnt.join("") + &next), exit::OK)
+        }
         Err(error) => fail(exit::FAILED, error),
     }
 }
 
 /// Shows the cores of every area the past up to the present, and leaves what they learnt in the state
-/// directory.
+/// directory. A line for each area says what was learnt.
 ///
 /// # Errors
 /// If a laser is not simulated, or the results cannot be written.
-pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<(), LearnError> {
+pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<Vec<String>, LearnError> {
+    let mut learnt = Vec::new();
     let of_area = |area| base_dir.join(site.state_dir_of(site.host_of_area(area)));
     let state_dirs: BTreeSet<PathBuf> = site.areas.iter().map(of_area).collect();
     let mut locks = Vec::new();
@@ -93,8 +98,15 @@ pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<(), LearnError> {
         catch_up(&mut pipeline, sources, begin_ns, &bar);
         bar.finish_and_clear();
         store(&mut pipeline, &state_dir)?;
+        learnt.push(format!(
+            "area {}: learnt {:.0} min of its past; {}; kept in {}\n",
+            pipeline.area.id,
+            pipeline.watch.learnt_s() / 60.0,
+            pipeline.watch.phase_words(),
+            state_dir.display()
+        ));
     }
-    Ok(())
+    Ok(learnt)
 }
 
 fn sources_of(

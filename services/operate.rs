@@ -1,10 +1,11 @@
 //! Verbs of a site: run, status, alerts, check, schema.
 
 use crate::cli::{AlertsList, AlertsWatch, Check, Format, Run, Status};
+use crate::site_file::SiteFileError;
 use crate::{fail, placement, site_file};
 use process::instance::{default_run_root, run_dir_of};
 use process::plan::Plan;
-use process::{EventLoop, Role, exit};
+use process::{EventLoop, Instance, Role, exit};
 use protocol::site::{Diagnostics, Site};
 use serde_json::json;
 use std::io::Write as _;
@@ -76,7 +77,10 @@ pub fn run(arguments: &Run) -> ExitCode {
     match out_dir {
         Some(out_dir) if ended == ExitCode::SUCCESS => {
             match crate::map::describe_results(&site, &base_dir, &out_dir) {
-                Ok(()) => ended,
+                Ok(()) => {
+                    let _ = writeln!(std::io::stderr(), "results: {}", out_dir.display());
+                    ended
+                }
                 Err(error) => fail(exit::FAILED, error),
             }
         }
@@ -97,8 +101,8 @@ pub fn status(arguments: &Status) -> ExitCode {
     let text = match arguments.format {
         Format::Text if arguments.verbose => report.table(),
         Format::Text => report.summary(),
-        Format::Json => match serde_json::to_string_pretty(&report) {
-            Ok(text) => text + "\n",
+        Format::Json => match report.json() {
+            Ok(json) => format!("{json:#}\n"),
             Err(error) => return fail(exit::FAILED, error),
         },
     };
@@ -138,8 +142,16 @@ pub fn alerts_watch(arguments: &AlertsWatch) -> ExitCode {
         Ok(site) => site,
         Err(code) => return code,
     };
+    let run_dir = run_dir_of(&site.name, &default_run_root());
+    // Who runs knows for which host it does.
+    let journal = Instance::load(&run_dir).map_or_else(
+        |_| journal(&site, None, &arguments.site),
+        |instance| instance.state_dir.join(alerts::JOURNAL_FILE),
+    );
     let options = alerts::WatchOptions {
-        socket: run_dir_of(&site.name, &default_run_root()).join(alerts::SOCKET_FILE),
+        site: site.name.clone(),
+        journal,
+        socket: run_dir.join(alerts::SOCKET_FILE),
         timezone: site.timezone.clone(),
         format: alerts_format(arguments.format),
         after: arguments.from_start.then_some(0),
@@ -165,13 +177,13 @@ fn alerts_format(format: Format) -> alerts::Format {
 pub fn check(arguments: &Check) -> ExitCode {
     let (site, text) = match site_file::load_with_text(&arguments.site) {
         Ok(loaded) => loaded,
-        Err(error) => return fail(exit::BAD_CONFIG, error),
+        Err(error) => return refuse(arguments, error),
     };
     let remarks = crate::check::sources(&site, &arguments.site);
     let name = arguments.site.display().to_string();
     let remarks = Diagnostics::of_remarks(&text, &name, &remarks);
     if remarks.has_errors() {
-        return fail(exit::BAD_CONFIG, remarks);
+        return refuse(arguments, SiteFileError::Wrong(remarks));
     }
     // What looks like a mistake goes to stderr, as the warnings of the site file do.
     let _ = write!(std::io::stderr(), "{remarks}");
@@ -201,6 +213,21 @@ pub fn check(arguments: &Check) -> ExitCode {
         }
     };
     write_out(&text, exit::OK)
+}
+
+/// Tells what is wrong: drawn on stderr, or for programs on stdout, every item with its `line`,
+/// `column` and `message`.
+fn refuse(arguments: &Check, error: SiteFileError) -> ExitCode {
+    let json = match (arguments.format, &error) {
+        (Format::Text, _) => return fail(exit::BAD_CONFIG, error),
+        (Format::Json, SiteFileError::Wrong(diagnostics)) => json!(diagnostics),
+        (Format::Json, SiteFileError::Read { path, .. }) => json!({
+            "file_name": path.display().to_string(),
+            "items": [{ "severity": "error", "line": 0, "column": 0, "message": error.to_string() }],
+            "omitted": 0,
+        }),
+    };
+    write_out(&format!("{json:#}\n"), exit::BAD_CONFIG)
 }
 
 fn plan_text(site: &Site, plan: &Plan, roles: &[Role]) -> String {

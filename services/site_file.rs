@@ -34,7 +34,7 @@ pub fn load(path: &Path) -> Result<Site, SiteFileError> {
 /// As [`load`].
 pub fn load_with_text(path: &Path) -> Result<(Site, String), SiteFileError> {
     let read = |source| SiteFileError::Read { path: path.to_owned(), source };
-    let file = std::fs::File::open(path).map_err(read)?;
+    let (file, _) = process::file::open_regular(path).map_err(read)?;
     let mut text = String::new();
     file.take(TEXT_BYTES_MAX as u64 + 1).read_to_string(&mut text).map_err(read)?;
     parse(&text, path).map(|site| (site, text))
@@ -52,4 +52,20 @@ pub fn parse(text: &str, path: &Path) -> Result<Site, SiteFileError> {
         eprint!("{warnings}");
     }
     Ok(site)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+
+    #[test]
+    fn a_pipe_in_the_place_of_a_site_file_is_refused_and_not_waited_for() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("site.toml");
+        mknodat(CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        let error = load(&path).unwrap_err().to_string();
+        assert!(error.contains("it is a pipe, expected a regular file"), "{error}");
+    }
 }

@@ -65,7 +65,8 @@ Angles are counter-clockwise. Needed besides, as columns or values: angle_min, r
 and angle_increment or angle_max.
 `inf` is no return; `nan` and an empty field are invalid; empty fields at the end are no
 ranges.
-Fields are parted by commas, semicolons or tabs; lines before the first time are titles.
+Fields are parted by commas, semicolons or tabs; one line of titles may stand before the rows,
+lines that begin with # are comments, every other line is a scan or is refused and counted.
 A CSV whose first line is such a list (as `tog bag export` writes) needs no --columns."
     )]
     pub columns: Option<ColumnMap>,

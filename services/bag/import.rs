@@ -6,15 +6,19 @@
 
 use super::cli::{Import, OutFormat, Selection};
 use super::export::Sink;
+use super::target::target;
 use super::{BagError, progress_bar};
 use protocol::time::SECOND_NS;
 use recording::{RecordedScan, Recording, RecordingError};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Runs `tog bag import`.
 pub fn run(arguments: &Import) -> Result<Option<String>, BagError> {
+    if arguments.out.extension().is_some_and(|ending| ending != "mcap") {
+        return Err(BagError::NotMcap(arguments.out.clone()));
+    }
     copy(&arguments.recording, &arguments.out, OutFormat::Mcap, &arguments.selection)
 }
 
@@ -26,8 +30,8 @@ pub fn copy(
     selection: &Selection,
 ) -> Result<Option<String>, BagError> {
     check_lasers(selection)?;
+    let out = &check_out(from, out, selection.force)?;
     let recording = Recording::open_with(from, selection.reading.options())?;
-    check_out(from, out, selection.force)?;
     let mut copy = Copy::new(selection, Sink::new(&recording, out, format)?);
     match copy.all(&recording) {
         Ok(early_end) => {
@@ -57,17 +61,14 @@ fn check_lasers(selection: &Selection) -> Result<(), BagError> {
     Ok(())
 }
 
-/// Refuses to write over something.
-fn check_out(from: &Path, out: &Path, force: bool) -> Result<(), BagError> {
+/// Refuses to write over something; where to write.
+fn check_out(from: &Path, out: &Path, force: bool) -> Result<PathBuf, BagError> {
     let same =
         |a: std::io::Result<_>, b: std::io::Result<_>| matches!((a, b), (Ok(a), Ok(b)) if a == b);
     if same(from.canonicalize(), out.canonicalize()) {
         return Err(BagError::Same(out.to_owned()));
     }
-    if out.exists() && !force {
-        return Err(BagError::Exists(out.to_owned()));
-    }
-    Ok(())
+    target(out, force)
 }
 
 /// What a laser is called in the copy.

@@ -3,6 +3,7 @@
 use super::cli::Info;
 use super::{BagError, progress_bar};
 use crate::cli::Format;
+use indicatif::DecimalBytes;
 use jiff::Timestamp;
 use protocol::time::SECOND_NS;
 use recording::{Recording, RecordingInfo, TopicInfo};
@@ -28,9 +29,8 @@ pub fn run(arguments: &Info) -> Result<Option<String>, BagError> {
     Ok(match (info.early_end, info.first_refusal) {
         (Some(early_end), _) => Some(early_end),
         (None, _) if has_scans => None,
-        (None, Some(refusal)) => {
-            Some(format!("{}: holds no scan that can be used: {refusal}", info.path))
-        }
+        // Which refusal was told above.
+        (None, Some(_)) => Some(format!("{}: holds no scan that can be used", info.path)),
         (None, None) => Some(format!("{}: holds no laser scans", info.path)),
     })
 }
@@ -47,7 +47,7 @@ fn text(info: &RecordingInfo) -> String {
     let mut text = String::new();
     let files = if info.files > 1 { format!(" in {} files", info.files) } else { String::new() };
     // Writing to a String cannot fail.
-    let _ = writeln!(text, "{}: {}, {}{files}", info.path, info.format, size(info.bytes));
+    let _ = writeln!(text, "{}: {}, {}{files}", info.path, info.format, DecimalBytes(info.bytes));
     if let Some((first_ns, last_ns)) = info.span_ns {
         let span_s = (last_ns - first_ns) as f64 / SECOND_NS as f64;
         let _ = writeln!(text, "{} to {}, {span_s:.3} s", time(first_ns), time(last_ns));
@@ -62,7 +62,7 @@ fn text(info: &RecordingInfo) -> String {
         others.push(format!("and {} more", info.others.len() - OTHERS_SHOWN));
     }
     if !others.is_empty() {
-        let _ = writeln!(text, "other topics: {}", others.join(", "));
+        let _ = writeln!(text, "\nother topics:\n  {}", others.join("\n  "));
     }
     if let Some(sample) = info.sample {
         let _ = writeln!(
@@ -74,6 +74,8 @@ fn text(info: &RecordingInfo) -> String {
     }
     if let Some(refusal) = &info.first_refusal {
         let refused: u64 = info.topics.iter().map(|topic| topic.refused).sum();
+        // The path stands above.
+        let refusal = refusal.strip_prefix(&format!("{}: ", info.path)).unwrap_or(refusal);
         let _ = writeln!(text, "{refused} messages were refused, the first: {refusal}");
     }
     text
@@ -125,13 +127,5 @@ fn time(stamp_ns: u64) -> String {
     match Timestamp::from_nanosecond(i128::from(stamp_ns)) {
         Ok(time) => format!("{time:.3}"),
         Err(_) => format!("{stamp_ns} ns"),
-    }
-}
-
-fn size(bytes: u64) -> String {
-    match bytes {
-        0..10_000 => format!("{bytes} bytes"),
-        10_000..10_000_000 => format!("{:.0} kB", bytes as f64 / 1e3),
-        _ => format!("{:.1} MB", bytes as f64 / 1e6),
     }
 }

@@ -7,6 +7,8 @@
 //! | `import.rs` | scans of any recording into MCAP: which lasers, under which names |
 //! | `export.rs` | scans of any recording into a CSV or MCAP |
 //! | `record.rs` | beside a running site, into a new bag |
+//! | `site.rs` | the site that is attached to a recording, its lasers fed by the recording |
+//! | `target.rs` | what may be written over |
 //! | `play.rs` | a site made round a recording, every service a process of its own |
 //! | `recover.rs` | a complete recording out of one that was cut |
 
@@ -17,6 +19,8 @@ mod info;
 mod play;
 mod record;
 mod recover;
+pub mod site;
+mod target;
 
 use crate::fail;
 use cli::{Bag, BagVerb};
@@ -35,6 +39,29 @@ pub enum BagError {
     /// Something is there already.
     #[error("{} is there already: name another file, or say --force to replace it", .0.display())]
     Exists(PathBuf),
+    /// Something that is no file.
+    #[error("{} is {found}, expected a file or nothing: name another file", path.display())]
+    NoFile {
+        /// What was named.
+        path: PathBuf,
+        /// What it is.
+        found: &'static str,
+    },
+    /// What is to be written cannot be looked at.
+    #[error("cannot write {}: {source}", path.display())]
+    Target {
+        /// What was named.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Import into another format.
+    #[error(
+        "tog bag import writes MCAP, the ending of {} says otherwise: name a file that ends in \
+         .mcap, or use tog bag export",
+        .0.display()
+    )]
+    NotMcap(PathBuf),
     /// Read and written are the same file.
     #[error("{} would be written over the recording that is read: name another file", .0.display())]
     Same(PathBuf),
@@ -87,7 +114,7 @@ pub fn run(arguments: &Bag) -> ExitCode {
 /// A bar over the bytes of a recording, on a terminal only.
 fn progress_bar(what: &'static str, bytes: u64) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(bytes), ProgressDrawTarget::stderr());
-    let template = "{prefix} [{wide_bar}] {bytes}/{total_bytes}, {eta} left";
+    let template = "{prefix} [{wide_bar}] {decimal_bytes}/{decimal_total_bytes}, {eta} left";
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style.progress_chars("=> "));
     }

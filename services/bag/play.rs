@@ -5,14 +5,14 @@
 //! recording; one that is laid round the scans. Its lasers replay the recording, whatever their
 //! source is otherwise; nothing that it learns is kept.
 
+use super::site::{RecordedSiteError, attached, fed_by};
 use crate::replay::layout;
 use crate::{fail, site_file};
 use clap::Args;
 use process::exit;
 use protocol::geometry::Pose;
-use protocol::site::{Laser, Pace, Preset, Site, Source};
-use recorder::attach::{SITE_FILE, site_text};
-use recorder::catalogue::Catalogue;
+use protocol::site::{Pace, Preset, Site};
+use recorder::attach::site_text;
 use recording::ros2::MessageType;
 use recording::{Recording, RecordingError, RecordingIndex};
 use std::fs;
@@ -71,18 +71,51 @@ enum PlayError {
     Source(#[from] laser::source::SourceError),
     #[error("{} holds {files} recordings, expected one: name the file", path.display())]
     NotOne { path: PathBuf, files: usize },
-    #[error(
-        "no scans of laser `{laser}` in {}; topics with scans: {topics}. Write the right one into \
-         the site file: source = {{ kind = \"replay\", recording = .., topic = .. }}",
-        path.display()
-    )]
-    NoTopic { laser: String, path: PathBuf, topics: String },
+    #[error(transparent)]
+    Recorded(#[from] RecordedSiteError),
     #[error("cannot write {}: {source}", path.display())]
     Write { path: PathBuf, source: io::Error },
 }
 
-/// A directory that is gone when the play is over.
-struct Scratch(PathBuf);
+/// What the directories of plays are called, before the number of the process.
+const SCRATCH: &str = "tog-play-";
+/// The file in them that is locked while the play goes on.
+const SCRATCH_LOCK: &str = "lock";
+
+/// A directory that is gone when the play is over; locked until then.
+struct Scratch(PathBuf, #[expect(dead_code, reason = "held for its lock")] fs::File);
+
+impl Scratch {
+    fn new(parent: &Path) -> Result<Self, PlayError> {
+        clear_dead(parent);
+        let path = parent.join(format!("{SCRATCH}{}", std::process::id()));
+        let make = || {
+            fs::create_dir(&path)?;
+            let lock = fs::File::create(path.join(SCRATCH_LOCK))?;
+            lock.try_lock()?;
+            Ok(lock)
+        };
+        match make() {
+            Ok(lock) => Ok(Self(path, lock)),
+            Err(source) => Err(PlayError::Write { path, source }),
+        }
+    }
+}
+
+/// Removes the directories of plays that were killed: their locks are free.
+fn clear_dead(parent: &Path) {
+    for entry in fs::read_dir(parent).into_iter().flatten().flatten() {
+        let is_ours = entry.file_name().to_string_lossy().starts_with(SCRATCH)
+            && entry.file_type().is_ok_and(|kind| kind.is_dir());
+        let lock = entry.path().join(SCRATCH_LOCK);
+        let is_dead = is_ours
+            && fs::symlink_metadata(&lock).is_ok_and(|found| found.is_file())
+            && fs::File::open(&lock).is_ok_and(|lock| lock.try_lock().is_ok());
+        if is_dead {
+            let _ = fs::remove_dir_all(entry.path()); // of somebody else: they will
+        }
+    }
+}
 
 impl Drop for Scratch {
     fn drop(&mut self) {
@@ -102,7 +135,9 @@ pub fn run(arguments: &Play) -> ExitCode {
             };
             supervisor::run(&site, &options)
         }
-        Err(error @ PlayError::Site(_)) => fail(exit::BAD_CONFIG, error),
+        Err(error @ (PlayError::Site(_) | PlayError::Recorded(RecordedSiteError::Site(_)))) => {
+            fail(exit::BAD_CONFIG, error)
+        }
         Err(error) => fail(exit::FAILED, error),
     }
 }
@@ -111,10 +146,7 @@ fn prepare(arguments: &Play) -> Result<(Site, Scratch, Option<u64>), PlayError> 
     let path = the_file(&arguments.recording)?;
     let recording = Recording::open(&path)?;
     let topics = scan_topics(&path, &recording)?;
-    let scratch = std::env::temp_dir().join(format!("tog-play-{}", std::process::id()));
-    fs::create_dir_all(&scratch)
-        .map_err(|source| PlayError::Write { path: scratch.clone(), source })?;
-    let scratch = Scratch(scratch);
+    let scratch = Scratch::new(&std::env::temp_dir())?;
     let site = the_site(arguments, &recording)?;
     let site = played(site, &path, &topics, arguments.rate)?;
     let file = scratch.0.join("play.toml");
@@ -166,65 +198,31 @@ fn the_site(arguments: &Play, recording: &Recording) -> Result<Site, PlayError> 
     if let Some(site) = &arguments.site {
         return Ok(site_file::load(site)?);
     }
-    let path = recording.path();
-    let attached = recording::attachment(path, SITE_FILE)?;
-    let attached = attached.and_then(|attached| String::from_utf8(attached.bytes).ok());
-    if let Some(text) = attached {
-        eprintln!("tog: the site is the one that is attached to the recording");
-        return Ok(site_file::parse(&text, &path.join(SITE_FILE))?);
+    if let Some(site) = attached(recording)? {
+        return Ok(site);
     }
     eprintln!("tog: no site file: reading the scans, to lay an area round those of each laser");
     let index = RecordingIndex::scan(recording, |_| Some(Pose::default()))?;
     let text = layout::lay_out(recording, &index, Preset::Default)?;
-    Ok(site_file::parse(&text, path)?)
+    Ok(site_file::parse(&text, recording.path())?)
 }
 
 /// The site as it is played.
 fn played(site: Site, path: &Path, topics: &[String], rate: f64) -> Result<Site, PlayError> {
     let pace = if rate == 1.0 { Pace::RealTime } else { Pace::Times(rate) };
-    let catalogue = Catalogue::new(&site, &[]);
-    let only = site.lasers.len() == 1;
-    let mut lasers = Vec::with_capacity(site.lasers.len());
-    for (laser, names) in site.lasers.iter().zip(&catalogue.lasers) {
-        let own = format!("/{}/scan", names.frame);
-        let topic = topic_of(laser, &own, topics, only).ok_or_else(|| PlayError::NoTopic {
-            laser: laser.id.clone(),
-            path: path.to_owned(),
-            topics: topics.join(", "),
-        })?;
-        let recording = path.display().to_string();
-        let source = Source::Replay { recording, topic: Some(topic), pace };
-        lasers.push(Laser { source, ..laser.clone() });
-    }
+    let site = fed_by(site, path, topics, pace)?;
     let mut name = site.name.clone();
     name.truncate(NAME_CHARS_MAX - PLAYED.len()); // ASCII, as the site file has it
     let state_dir = "state".to_owned();
-    let played = Site { name: name + PLAYED, state_dir, recorder: None, lasers, ..site };
+    let played = Site { name: name + PLAYED, state_dir, recorder: None, ..site };
     Ok(played.on_one_host())
-}
-
-/// The topic of a laser: what its site file says, what our recorder calls it, what it is called
-/// itself, or the only one.
-fn topic_of(laser: &Laser, own: &str, topics: &[String], only: bool) -> Option<String> {
-    let named = match &laser.source {
-        Source::Replay { topic, .. } => topic.clone(),
-        Source::Simulator { .. } => None,
-    };
-    let bare = format!("/{}", laser.id);
-    let candidates = [named.as_deref(), Some(own), Some(&bare)];
-    let mut known = candidates.into_iter().flatten().filter(|name| has(topics, name));
-    let found = known.next().map(str::to_owned);
-    found.or_else(|| topics.first().filter(|_| only && topics.len() == 1).cloned())
-}
-
-fn has(topics: &[String], name: &str) -> bool {
-    topics.iter().any(|topic| topic == name)
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use protocol::site::Source;
 
     fn site(text: &str) -> Site {
         let head = "name = \"a-very-long-name-of-a-building-x\"\n[[area]]\nid = \"a\"\n\
@@ -263,5 +261,25 @@ mod tests {
         let two = site(&(laser("l") + &laser("m")));
         let error = played(two, Path::new("/x.mcap"), &topics, 1.0).unwrap_err().to_string();
         assert!(error.contains("laser `l`") && error.contains("/robot/scan"), "{error}");
+    }
+
+    #[test]
+    fn what_a_killed_play_left_goes_with_the_next() {
+        let parent = tempfile::tempdir().unwrap();
+        let dir = |name: &str| parent.path().join(name);
+        for name in ["tog-play-1", "tog-play-2", "tog-play-3", "other"] {
+            fs::create_dir(dir(name)).unwrap();
+            fs::write(dir(name).join("play.toml"), "x").unwrap();
+        }
+        fs::write(dir("tog-play-1").join(SCRATCH_LOCK), "").unwrap();
+        let living = fs::File::create(dir("tog-play-2").join(SCRATCH_LOCK)).unwrap();
+        living.try_lock().unwrap();
+        let scratch = Scratch::new(parent.path()).unwrap();
+        assert!(scratch.0.is_dir() && !dir("tog-play-1").exists());
+        assert!(dir("tog-play-2").exists(), "it goes on");
+        assert!(dir("tog-play-3").exists() && dir("other").exists(), "not known to be ours");
+        let path = scratch.0.clone();
+        drop(scratch);
+        assert!(!path.exists());
     }
 }

@@ -3,7 +3,7 @@
 use crate::cli::Format;
 use crate::{fail, site_file};
 use clap::{Args, ValueEnum};
-use indicatif::{HumanBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{DecimalBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use process::exit;
 use process::instance::{default_run_root, run_dir_of};
 use protocol::site::{RecordedTopics, Recorder};
@@ -114,7 +114,7 @@ fn words(progress: &Progress) -> String {
         0 => String::new(),
         lost => format!(", {lost} lost on the way: this host is too busy"),
     };
-    format!("{messages} messages, {}{lost}", HumanBytes(bytes))
+    format!("{messages} messages, {}{lost}", DecimalBytes(bytes))
 }
 
 fn report(arguments: &Record, progress: &Progress) -> ExitCode {

@@ -3,7 +3,7 @@
 use crate::cli::Format;
 use crate::fail;
 use clap::Args;
-use indicatif::{HumanBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{DecimalBytes, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use process::exit;
 use recording::{ACTIVE_SUFFIX, RecordingError, Recovered};
 use serde_json::json;
@@ -22,7 +22,8 @@ before it gets its name: x.mcap for x.mcap.active, x.recovered.mcap for x.mcap, 
 The original stays.
 A running recorder needs no hand: what it finds of a killed one, it recovers when it starts.
 
-Exit code 0: saved, or nothing was missing. 1: a file could not be saved.")]
+Exit code 0: saved, with a warning if damaged parts were left out, or nothing was missing. 1: a file
+could not be saved, or not one message of it.")]
 /// Arguments of `tog bag recover`.
 pub struct Recover {
     /// The recordings that were cut.
@@ -54,10 +55,15 @@ pub fn run(arguments: &Recover) -> ExitCode {
     for file in &arguments.files {
         let to = arguments.out.clone().unwrap_or_else(|| default_out(file));
         match recover(file, &to) {
-            Ok(recovered) => match arguments.format {
-                Format::Text => eprintln!("tog: {}", words(file, &to, &recovered)),
-                Format::Json => reports.push(report(file, &to, &recovered)),
-            },
+            Ok(recovered) => {
+                if recovered.facts.messages == 0 && recovered.chunks > 0 {
+                    code = exit::FAILED;
+                }
+                match arguments.format {
+                    Format::Text => eprintln!("tog: {}", words(file, &to, &recovered)),
+                    Format::Json => reports.push(report(file, &to, &recovered)),
+                }
+            }
             Err(error) => {
                 code = exit::FAILED;
                 eprintln!("tog: {error}");
@@ -76,7 +82,8 @@ fn recover(file: &Path, to: &Path) -> Result<Recovered, RecoverError> {
         return Err(RecoverError::Exists(to.to_owned()));
     }
     let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr());
-    let template = "recovering {prefix} [{wide_bar}] {bytes}/{total_bytes}, {eta} left";
+    let template =
+        "recovering {prefix} [{wide_bar}] {decimal_bytes}/{decimal_total_bytes}, {eta} left";
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style.progress_chars("=> "));
     }
@@ -114,15 +121,17 @@ fn words(file: &Path, to: &Path, recovered: &Recovered) -> String {
     }
     let lost = match recovered.bytes_lost {
         0 => String::new(),
-        lost => format!("; the last {} are no whole chunk and are lost", HumanBytes(lost)),
+        lost => format!("; the last {} are no whole chunk and are lost", DecimalBytes(lost)),
     };
     let damaged = match &recovered.first_damage {
         None => String::new(),
-        Some(first) => {
-            format!("; {} damaged parts were left out, the first {first}", recovered.damaged)
-        }
+        Some(first) => format!(
+            "\ntog: WARN {file}: {} damaged parts of {} were left out, the first {first}",
+            recovered.damaged,
+            DecimalBytes(recovered.bytes_damaged)
+        ),
     };
-    let (to, bytes) = (to.display(), HumanBytes(facts.bytes));
+    let (to, bytes) = (to.display(), DecimalBytes(facts.bytes));
     format!("{file}: saved {holds} into {to} ({bytes}){lost}{damaged}")
 }
 
@@ -146,6 +155,7 @@ fn report(file: &Path, to: &Path, recovered: &Recovered) -> serde_json::Value {
         "topics": topics,
         "bytes_lost": recovered.bytes_lost,
         "damaged": recovered.damaged,
+        "bytes_damaged": recovered.bytes_damaged,
         "first_damage": recovered.first_damage,
     })
 }

@@ -13,13 +13,16 @@ Examples:
   tog experiment 1 --out static
   tog experiment 3 --seed 7 --rate 75 --out foyer
   tog experiment verdict --seeds 10
+  tog map diff one/default two/default    (of experiments 1 and 2: the same room)
 
-1: nobody in a furnished room, four lasers, 120 s. 2: the same room, one person at random for 45 s,
-then four round a quadrilateral for 180 s. 3: a foyer, one laser, 20 minutes.
+1: nobody in a furnished room, four lasers, 120 s.
+2: the same room, one person at random for 45 s, then four round a quadrilateral for 180 s.
+3: a foyer, one laser, 20 minutes.
 
-Writes scans.mcap, truth.jsonl (scene; people, legs and doors in time), surface.npy (true walls),
-site.toml to replay it, counts.PRESET.npy, the paper's figure as PNG, verdicts.json and verdicts.txt.
-The frame period is the lasers' own, 13.32 ms a turn of the mirror: the paper's cycle."
+Writes scans.mcap, truth.jsonl (scene; people, legs and doors in time), surface.npy (true walls), \
+site.toml to replay it, a directory per preset (default, paper, onehot) with its map for `tog map`, \
+the paper's figure as PNG, verdicts.json and verdicts.txt. The frame period is the lasers' own, \
+13.32 ms a turn of the mirror: the paper's cycle."
 )]
 /// Arguments of `tog experiment`.
 pub struct Experiment {
@@ -38,6 +41,9 @@ pub struct Experiment {
     /// Directory for the results; created.
     #[arg(long, value_name = "DIR", required = true)]
     pub out: Option<PathBuf>,
+    /// Replace the results of an earlier run that are there.
+    #[arg(long)]
+    pub force: bool,
     /// Output: the verdicts.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -52,7 +58,8 @@ Examples:
   tog experiment verdict --seeds 10
   tog experiment verdict --seeds 40 --format json > verdicts.json
 
-Exit code 0: every claim holds for nine seeds of ten with the default preset at both rates. 1: not.")]
+Exit code 0: every claim holds for nine seeds of ten with the default preset at both rates.
+1: not; what does not is named.")]
     Verdict(Verdict),
 }
 

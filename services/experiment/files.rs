@@ -6,17 +6,21 @@
 //! | `truth.jsonl` | line 1 `{"scene": ..}`: walls, furniture, doors, lasers, ways; then a line every eighth turn of the mirrors: `{"stamp_ns", "t_s", "people": [{.., "legs_m"}], "doors": [{.., "open_share", "leaves_m"}], "objects"}` |
 //! | `surface.npy` | u8 [1, row, col]: 1 where a laser can see a piece of true surface |
 //! | `site.toml` | `tog replay scans.mcap --site site.toml` computes the same map again |
-//! | `counts.<preset>.npy` | u64 [class, row, col], as `collapsed_counts.npy` of `tog replay` |
+//! | `<preset>/` | a map as of `tog replay`, for `tog map`: `grid.json`, `collapsed_counts.npy` (u64 [class, row, col]) |
 //! | `figure-N*.png` | the paper's figure of this experiment |
 //! | `verdicts.json`, `verdicts.txt` | the claims and their numbers |
 
-use super::run::{ExperimentError, Mapped, Outcome, Sink, Which, site_text};
+use super::run::{ExperimentError, Outcome, Sink, Which, site_text};
+use crate::map::export::write_map;
+use crate::map::grid_file::{GridFile, LaserEntry};
+use crate::map::overwrite;
 use indicatif::ProgressBar;
 use mapper::npy::NpyWriter;
 use protocol::scan::ScanView;
+use protocol::site::{Laser, Site};
 use protocol::time::SECOND_NS;
-use recording::{ScanTopic, ScanWriter};
-use scene::{Scene, Truth};
+use recording::{ScanTopic, ScanWriter, as_recorded};
+use scene::{LaserSpec, Scene, Truth};
 use serde::Serialize;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -24,6 +28,28 @@ use std::path::{Path, PathBuf};
 
 /// Name of the recording.
 pub const RECORDING: &str = "scans.mcap";
+
+/// Makes `directory` ready: a run that is there is refused, or removed with `force`. The maps are
+/// what tells a run; what every run writes is replaced, the figure has the experiment's number.
+///
+/// # Errors
+/// If a run is there, or cannot be removed.
+pub fn make_way(directory: &Path, force: bool) -> Result<(), ExperimentError> {
+    overwrite::for_run(directory, force)?;
+    std::fs::create_dir_all(directory).map_err(write_error(directory))?;
+    if force {
+        for number in 1..=4 {
+            let path = directory.join(format!("figure-{number}.png"));
+            match std::fs::remove_file(&path) {
+                Err(source) if source.kind() != io::ErrorKind::NotFound => {
+                    return Err(write_error(&path)(source));
+                }
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
 
 /// Wraps an error of the file system with the path.
 pub fn write_error(path: &Path) -> impl FnOnce(io::Error) -> ExperimentError + '_ {
@@ -120,9 +146,12 @@ impl Sink for Recorder<'_> {
 /// # Errors
 /// Those of the file system.
 pub fn write_maps(directory: &Path, outcome: &Outcome) -> Result<(), ExperimentError> {
+    let text = site_text(outcome.which, &outcome.scene, Some(RECORDING));
+    let lasers = lasers(&text, &outcome.scene)?;
     for map in &outcome.maps {
-        let path = directory.join(format!("counts.{}.npy", map.area.preset.name()));
-        write_counts(&path, map).map_err(write_error(&path))?;
+        let path = directory.join(map.area.preset.name());
+        let grid = GridFile::of(&map.area, lasers.clone());
+        write_map(&path, &grid, &map.counts, &[]).map_err(write_error(&path))?;
     }
     let path = directory.join("surface.npy");
     let grid = outcome.ground.grid();
@@ -132,15 +161,15 @@ pub fn write_maps(directory: &Path, outcome: &Outcome) -> Result<(), ExperimentE
         .and_then(|mut writer| writer.row(&surface).and_then(|()| writer.finish()))
         .map_err(write_error(&path))?;
     let path = directory.join("site.toml");
-    let text = site_text(outcome.which, &outcome.scene, Some(RECORDING));
     std::fs::write(&path, text).map_err(write_error(&path))
 }
 
-fn write_counts(path: &Path, map: &Mapped) -> io::Result<()> {
-    let shape = [map.area.rows as usize, map.area.columns as usize];
-    let mut writer = NpyWriter::create(path, "<u8", &shape)?;
-    for class in map.counts.chunks(map.area.grid().cells()) {
-        writer.row(&class.iter().flat_map(|count| count.to_le_bytes()).collect::<Vec<u8>>())?;
-    }
-    writer.finish()
+/// The lasers of the site file `text` with the beams of the scene, as the recording has them.
+fn lasers(text: &str, scene: &Scene) -> Result<Vec<LaserEntry>, ExperimentError> {
+    let site = Site::parse(text, "site.toml")
+        .map_err(|errors| ExperimentError::Site(format!("{errors}")))?;
+    let entry = |(laser, spec): (&Laser, &LaserSpec)| {
+        LaserEntry::of(laser, Some((as_recorded(&spec.geometry()), spec.beams as usize)))
+    };
+    Ok(site.lasers.iter().zip(&scene.lasers).map(entry).collect())
 }

@@ -37,6 +37,9 @@ pub enum ExperimentError {
     /// The recording.
     #[error(transparent)]
     Recording(#[from] recording::RecordingError),
+    /// Results are there already.
+    #[error(transparent)]
+    Overwrite(#[from] crate::map::overwrite::OverwriteError),
     /// A file of the results.
     #[error("cannot write {}: {source}", path.display())]
     Write {

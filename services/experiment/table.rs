@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 pub fn of_run(outcome: &Outcome, verdicts: &[Vec<Verdict>]) -> String {
     let which = outcome.which;
     let mut text = format!(
-        "experiment {}: {}\nseed {}, {:.2} Hz, {} scans, {} frames of {} ms\n\n{:<11}{:<44}{:>8}",
+        "experiment {}: {}\nseed {}, {:.2} Hz, {} scans, {} frames of {} ms\n\n  {:<44}{:>8}",
         which.experiment.number(),
         which.experiment.about(),
         which.seed,
@@ -17,7 +17,6 @@ pub fn of_run(outcome: &Outcome, verdicts: &[Vec<Verdict>]) -> String {
         outcome.scans,
         outcome.frames,
         which.rate.period_ns() as f64 / 1e6,
-        "claim",
         "number",
         "limit",
     );
@@ -27,10 +26,10 @@ pub fn of_run(outcome: &Outcome, verdicts: &[Vec<Verdict>]) -> String {
     text.push('\n');
     let Some(first) = verdicts.first() else { return text };
     for (i, verdict) in first.iter().enumerate() {
+        let _ = writeln!(text, "\n`{}`: {}", verdict.claim.id(), verdict.claim.words());
         for (j, measure) in verdict.measures.iter().enumerate() {
-            let claim = if j == 0 { verdict.claim.id() } else { "" };
             let limit = measure.limit.to_string();
-            let _ = write!(text, "{claim:<11}{:<44}{limit:>8}", measure.name);
+            let _ = write!(text, "  {:<44}{limit:>8}", measure.name);
             for of_preset in verdicts {
                 let measure = &of_preset[i].measures[j];
                 let wrong = if measure.holds() { ' ' } else { '!' };
@@ -38,13 +37,13 @@ pub fn of_run(outcome: &Outcome, verdicts: &[Vec<Verdict>]) -> String {
             }
             text.push('\n');
         }
-        let _ = write!(text, "{:<11}{:<52}", "", "holds");
+        let _ = write!(text, "  {:<52}", "holds");
         for of_preset in verdicts {
             let _ = write!(text, "{:>9} ", if of_preset[i].holds { "yes" } else { "NO" });
         }
         text.push('\n');
     }
-    text
+    text.lines().flat_map(|line| [line.trim_end(), "\n"]).collect()
 }
 
 /// A number with as many digits as it deserves; a share in percent.

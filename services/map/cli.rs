@@ -27,6 +27,7 @@ Examples:
 Examples:
   tog map render maps --out overview.svg
   tog map render maps --class background --out walls.png
+  tog map render maps --class lingering --scale max --out benches.png
   tog map render --site deploy/foyer.toml --context night --out pictures")]
     Render(Render),
     /// Say and draw what changed from one map to a later one of the same grid.
@@ -36,8 +37,8 @@ Examples:
   tog map diff normal --site deploy/foyer.toml --format json
   tog map diff monday tuesday --class background --out walls.png
 
-A cell changed if at least --change-min of its frames are of another class than before; cells side
-by side that changed to the same class are told as one place. Only cells that both maps have
+A cell changed if at least --change-min of its frames are of another class than before; cells side \
+by side that changed to the same class are told as one place. Only cells that both maps have \
 observed are compared; the others are counted.")]
     Diff(Diff),
     /// Write a map for other programs: nav2 (map.yaml, map.pgm) or NumPy.
@@ -46,9 +47,10 @@ Examples:
   tog map export maps --format nav2 --out floor
   tog map export --site deploy/foyer.toml --format npy --out foyer-map
 
-nav2: map.pgm, the highest row first: 0 (occupied) where --class holds at least --occupied-min of
+nav2: map.pgm, the highest row first: 0 (occupied) where --class holds at least --occupied-min of \
 the frames, 254 (free) elsewhere, 205 (unknown) where nothing was observed; map.yaml beside it.
-npy: a map as `tog replay` writes it (collapsed_counts.npy, grid.json), and shares.npy (f64
+
+npy: a map as `tog replay` writes it (collapsed_counts.npy, grid.json), and shares.npy (f64 \
 [class,row,col], NaN where nothing was observed).")]
     Export(Export),
     /// Add the counts of maps of the same grid: two days, two hosts.
@@ -57,7 +59,7 @@ Examples:
   tog map merge monday tuesday --out week
   tog map merge week --site deploy/foyer.toml --out all
 
-Refused if the grids differ: the key is named. Writes a map as `tog replay` does: every verb of
+Refused if the grids differ: the key is named. Writes a map as `tog replay` does: every verb of \
 `tog map` reads it.")]
     Merge(Merge),
 }
@@ -133,9 +135,22 @@ pub struct Render {
     /// A file NAME.png or NAME.svg: the overview, or the picture of --class. Else a directory: both.
     #[arg(long, value_name = "PATH")]
     pub out: PathBuf,
-    /// Colours are linear in share ^ gamma, 0.1 to 1: small values show rare things.
+    /// Colour follows share ^ gamma, 0.1 to 1: small values show rare things.
     #[arg(long, default_value_t = 0.4)]
     pub gamma: f64,
+    /// Where the colours of the picture of a class end.
+    #[arg(long, value_enum, default_value_t)]
+    pub scale: ScaleName,
+}
+
+/// Ends of the scale of colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum ScaleName {
+    /// At 100 %: pictures of classes and maps can be compared.
+    #[default]
+    Full,
+    /// At the largest share of the picture, which is named: shows what is rare everywhere.
+    Max,
 }
 
 #[derive(Debug, Args)]
@@ -154,7 +169,7 @@ pub struct Diff {
     /// picture per class, and diff.json.
     #[arg(long, value_name = "PATH")]
     pub out: Option<PathBuf>,
-    /// Colours are linear in |change| ^ gamma, 0.1 to 1: small values show small changes.
+    /// Colour follows |change| ^ gamma, 0.1 to 1: small values show small changes.
     #[arg(long, default_value_t = 0.7)]
     pub gamma: f64,
     /// Output.
@@ -184,6 +199,9 @@ pub struct Export {
     /// Directory for the files; created.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// npy: replace a map that is there.
+    #[arg(long)]
+    pub force: bool,
     /// nav2: the class that is an obstacle; the one that is occupied on all timescales unless set.
     #[arg(long, value_name = "CLASS")]
     pub class: Option<String>,
@@ -200,4 +218,7 @@ pub struct Merge {
     /// Directory for the sum; created.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Replace a map that is there.
+    #[arg(long)]
+    pub force: bool,
 }

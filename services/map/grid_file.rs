@@ -4,7 +4,7 @@
 use protocol::geometry::GridGeometry;
 use protocol::grid::{CLASSES_MAX, ClassName, TIMESCALES_MAX};
 use protocol::scan::ScanGeometry;
-use protocol::site::{Area, LASERS_MAX, Laser, NoReturn, Source, is_id};
+use protocol::site::{Area, LASERS_MAX, Laser, NoReturn, Source, Zone, is_id};
 use serde::{Deserialize, Serialize};
 use std::io::Read;
 use std::path::Path;
@@ -50,6 +50,9 @@ pub struct GridFile {
     pub contexts: Vec<String>,
     /// Who looked.
     pub lasers: Vec<LaserEntry>,
+    /// Named places, for the pictures; absent in files of earlier versions.
+    #[serde(default)]
+    pub zones: Vec<Zone>,
 }
 
 /// A laser in `grid.json`. What only its scans tell is absent where nobody saw one.
@@ -118,6 +121,7 @@ impl GridFile {
             transit: area.has_transit(),
             contexts: area.context_names().into_iter().map(str::to_owned).collect(),
             lasers,
+            zones: area.zones.clone(),
         }
     }
 
@@ -215,6 +219,13 @@ impl GridFile {
                 "{prototypes} prototypes do not fit {classes} classes, {timescales} timescales"
             ),
         )?;
+        let share = 0.0..=1.0;
+        let odd = self.prototypes.iter().flatten().find(|value| !share.contains(*value));
+        if let Some(odd) = odd {
+            return Err(format!("a prototype of {odd}, expected occupancies of 0 to 1"));
+        }
+        let known = self.known_share_min;
+        need(share.contains(&known), format!("known_share_min {known}, expected 0 to 1"))?;
         let names = self.classes.iter().map(|class| &class.name).chain(&self.contexts);
         let names: Vec<&String> = names.chain([&self.area]).collect();
         // Names become names of files.

@@ -9,14 +9,16 @@
 //! | `diff.rs` | what changed (pure) |
 //! | `drawing.rs` | pictures of it |
 //! | `export.rs` | nav2, NumPy |
+//! | `overwrite.rs` | what becomes of the results of an earlier run |
 //! | `results.rs` | grid.json and pictures of `tog run --out` |
 //! | `text.rs` | what is printed |
 
 pub mod cli;
 mod diff;
 mod drawing;
-mod export;
+pub mod export;
 pub mod grid_file;
+pub mod overwrite;
 pub mod pictures;
 mod results;
 mod stored;
@@ -26,7 +28,9 @@ mod text;
 
 use crate::cli::Format;
 use crate::{fail, site_file};
-use cli::{Diff, Export, ExportFormat, Info, Look, Map, MapVerb, Maps, Merge, Picture, Render};
+use cli::{
+    Diff, Export, ExportFormat, Info, Look, Map, MapVerb, Maps, Merge, Picture, Render, ScaleName,
+};
 use drawing::Drawing;
 use figures::{FileFormat, Options};
 use pictures::{PictureError, Pictures, picture_path};
@@ -103,6 +107,9 @@ pub enum MapError {
     /// A count beyond 64 bits.
     #[error("the counts of {0} do not fit 64 bits: it is damaged")]
     Overflow(String),
+    /// Something is there already.
+    #[error(transparent)]
+    Overwrite(#[from] overwrite::OverwriteError),
     /// A file cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -189,6 +196,22 @@ fn format_of(path: &Path) -> Option<FileFormat> {
     }
 }
 
+/// Endings of pictures that are not drawn: `x.gif` is a slip of the pen, not a directory.
+const OTHER_PICTURES: [&str; 12] =
+    ["gif", "jpg", "jpeg", "pdf", "bmp", "tif", "tiff", "webp", "eps", "ps", "pgm", "ppm"];
+
+/// Refuses a path that asks for a picture of another format.
+fn check_picture(out: &Path) -> Result<(), MapError> {
+    let extension = out.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if out.is_dir() || !OTHER_PICTURES.contains(&&*extension) {
+        return Ok(());
+    }
+    Err(MapError::Usage(format!(
+        "--out {}: found a picture of format .{extension}, expected .png, .svg, or a directory",
+        out.display()
+    )))
+}
+
 fn options(look: &Look, gamma: f64, out: &Path) -> Options {
     let of_directory = match look.picture {
         Picture::Png => FileFormat::Png,
@@ -226,13 +249,18 @@ fn info(arguments: &Info) -> Result<String, MapError> {
 }
 
 fn render(arguments: &Render) -> Result<String, MapError> {
+    check_picture(&arguments.out)?;
     let [map] = exactly(&arguments.maps, "render")?;
     let class = arguments.look.class.as_deref().map(|name| class_of(&map, name)).transpose()?;
     let context = arguments.part.context.as_deref();
     let counts = map.counts(context)?;
     let name = text::called(&map, context);
     let out = &arguments.out;
-    let options = options(&arguments.look, arguments.gamma, out);
+    let scale = match arguments.scale {
+        ScaleName::Full => figures::Scale::Full,
+        ScaleName::Max => figures::Scale::Max,
+    };
+    let options = Options { scale, ..options(&arguments.look, arguments.gamma, out) };
     let pictures = Pictures::new(&map.grid, &counts, &name, &[], options.clone())?;
     let one = |path: &Path| -> Result<String, MapError> {
         let picture = match class {
@@ -257,6 +285,7 @@ fn render(arguments: &Render) -> Result<String, MapError> {
 
 fn difference(arguments: &Diff) -> Result<String, MapError> {
     check_share("--change-min", arguments.change_min, 0.001)?;
+    arguments.out.as_deref().map_or(Ok(()), check_picture)?;
     let [before, after] = exactly(&arguments.maps, "diff")?;
     same_grid(&before, &after)?;
     let class = arguments.look.class.as_deref().map(|name| class_of(&before, name)).transpose()?;
@@ -301,7 +330,7 @@ fn export(arguments: &Export) -> Result<String, MapError> {
             Ok(format!("wrote map.yaml and map.pgm to {}\n", out.display()))
         }
         ExportFormat::Npy => {
-            refuse_a_map_at(out)?;
+            overwrite::for_map(out, arguments.force)?;
             let contexts = match &arguments.part.context {
                 Some(_) => Vec::new(),
                 None => contexts_of(&map)?,
@@ -327,24 +356,21 @@ fn contexts_of(map: &StoredMap) -> Result<Vec<(String, Vec<u64>)>, MapError> {
     map.grid.contexts.iter().map(counts).collect()
 }
 
-/// A map is not written over another one: the counts of months may be in it.
-fn refuse_a_map_at(out: &Path) -> Result<(), MapError> {
-    if out.join(grid_file::GRID_FILE).exists() {
-        let text =
-            format!("--out {}: a map is there already, name another directory", out.display());
-        return Err(MapError::Usage(text));
-    }
-    Ok(())
-}
-
 fn merge(arguments: &Merge) -> Result<String, MapError> {
-    refuse_a_map_at(&arguments.out)?;
     let maps = open(&arguments.maps)?;
     let [first, others @ ..] = maps.as_slice() else {
         return Err(MapError::Usage("`tog map merge` needs two maps or more".to_owned()));
     };
     if others.is_empty() {
         return Err(MapError::Usage("`tog map merge` needs two maps or more, found 1".to_owned()));
+    }
+    for (index, map) in maps.iter().enumerate() {
+        if maps[..index].iter().any(|other| other.place == map.place) {
+            return Err(MapError::Usage(format!(
+                "{} is given twice: each of its frames would be counted twice",
+                map.name
+            )));
+        }
     }
     let mut grid = first.grid.clone();
     let mut total = first.counts(None)?;
@@ -366,6 +392,7 @@ fn merge(arguments: &Merge) -> Result<String, MapError> {
     }
     grid.contexts = contexts.iter().map(|(name, _)| name.clone()).collect();
     let out = &arguments.out;
+    overwrite::for_map(out, arguments.force)?;
     export::write_map(out, &grid, &total, &contexts).map_err(write_error(out))?;
     let name = format!("{} maps", maps.len());
     Pictures::new(&grid, &total, &name, &[], Options::default())?.write_all(out)?;

@@ -4,7 +4,9 @@
 use super::grid_file::{GridFile, LaserEntry};
 use figures::{
     ClassShare, EventMark, FigureError, FileFormat, LaserMark, Options, OverviewMap, ShareMap,
+    ZoneMark,
 };
+use protocol::site::Zone;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -70,6 +72,7 @@ impl<'m> Pictures<'m> {
                 .collect(),
             title: self.grid.area.clone(),
             subtitle: self.subtitle.clone(),
+            zones: self.grid.zones.iter().map(zone_mark).collect(),
         };
         figures::overview(&map, &self.lasers, self.events, &self.options)
     }
@@ -120,12 +123,15 @@ pub fn picture_path(directory: &Path, name: &str, format: FileFormat) -> PathBuf
     directory.join(format!("{name}.{extension}"))
 }
 
-/// Writes a picture.
+/// Writes a picture, and creates its directory.
 ///
 /// # Errors
 /// Those of the file system.
 pub fn write(path: &Path, picture: &[u8]) -> Result<(), PictureError> {
-    std::fs::write(path, picture)
+    let directory = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    directory
+        .map_or(Ok(()), std::fs::create_dir_all)
+        .and_then(|()| std::fs::write(path, picture))
         .map_err(|source| PictureError::Write { path: path.to_owned(), source })
 }
 
@@ -138,6 +144,12 @@ pub fn laser_marks(lasers: &[LaserEntry]) -> Vec<LaserMark> {
         yaw_rad: laser.yaw_rad,
     };
     lasers.iter().map(mark).collect()
+}
+
+/// A zone as a mark.
+fn zone_mark(zone: &Zone) -> ZoneMark {
+    let excluded = if zone.exclude { " (excluded)" } else { "" };
+    ZoneMark { name: format!("{}{excluded}", zone.name), polygon_m: zone.polygon_m.clone() }
 }
 
 /// Most frames that a cell was classified in.

@@ -19,6 +19,8 @@ pub struct StoredMap {
     pub name: String,
     /// Its grid.
     pub grid: GridFile,
+    /// Where it lies, without links: the same for the same map.
+    pub place: PathBuf,
     store: Store,
 }
 
@@ -36,6 +38,10 @@ impl StoredMap {
     /// # Errors
     /// If it is neither, or damaged, or `area` does not say which one is meant.
     pub fn open(path: &Path, area: Option<&str>) -> Result<Self, MapError> {
+        if !path.exists() {
+            let help = "it is neither a directory with a map nor a site file".to_owned();
+            return Err(MapError::NoMap { path: path.to_owned(), help });
+        }
         if path.is_dir() { Self::of_directory(path, area) } else { Self::of_site(path, area) }
     }
 
@@ -58,7 +64,8 @@ impl StoredMap {
             return Err(MapError::Grid { path: file, reason });
         }
         let name = directory.display().to_string();
-        Ok(Self { name, grid, store: Store::Directory(directory) })
+        let place = directory.canonicalize().unwrap_or_else(|_| directory.clone());
+        Ok(Self { name, grid, place, store: Store::Directory(directory) })
     }
 
     /// Opens the checkpoint of an area of a site.
@@ -72,7 +79,8 @@ impl StoredMap {
         let file = mapper::shell::checkpoint_path(&state_dir, &area.id);
         let config = GridConfig::of_area(area);
         let expected = checkpoint::describe(&area.grid(), area.lattice().period_ns(), &config);
-        let Some(found) = checkpoint::read(&file, &expected)? else {
+        let bytes_max = checkpoint::body_bytes_max(&config);
+        let Some(found) = checkpoint::read(&file, &expected, bytes_max)? else {
             let help = "`tog run` or `tog learn` of the site writes it".to_owned();
             return Err(MapError::NoMap { path: file, help });
         };
@@ -91,7 +99,8 @@ impl StoredMap {
             add(&mut contexts[index], counts, &file.display().to_string())?;
         }
         let name = format!("{} area {}", path.display(), area.id);
-        Ok(Self { name, grid, store: Store::Memory(contexts) })
+        let place = file.canonicalize().unwrap_or(file);
+        Ok(Self { name, grid, place, store: Store::Memory(contexts) })
     }
 
     /// The counts \[class, row, column\] of a context, or of all together.

@@ -25,6 +25,7 @@ pub fn grid(columns: u32, rows: u32) -> GridFile {
         transit: false,
         contexts: vec!["always".to_owned()],
         lasers: Vec::new(),
+        zones: Vec::new(),
     }
 }
 
@@ -86,13 +87,16 @@ fn what_was_written_is_read_and_a_grid_that_differs_is_named_by_its_key() {
 #[test]
 fn numbers_that_no_grid_has_are_refused_in_words() {
     type Change = fn(&mut GridFile);
-    let wrong: [(&str, Change); 8] = [
+    let wrong: [(&str, Change); 11] = [
         ("0 x 4 cells", |grid| grid.columns = 0),
         ("4096 x 4096 cells", |grid| (grid.columns, grid.rows) = (4096, 4096)),
         ("cells of 0 m", |grid| grid.cell_m = 0.0),
         ("frame_period_ns 0", |grid| grid.frame_period_ns = 0),
         ("timescales_s []", |grid| grid.timescales_s.clear()),
         ("do not fit", |grid| grid.transit = true),
+        ("a prototype of 4294967296", |grid| grid.prototypes[1][0] = 4_294_967_296.0),
+        ("a prototype of -1", |grid| grid.prototypes[0][1] = -1.0),
+        ("known_share_min 2", |grid| grid.known_share_min = 2.0),
         ("../../etc", |grid| grid.classes[1].name = "../../etc/passwd".to_owned()),
         ("2 contexts", |grid| grid.contexts = vec!["always".to_owned(); 2]),
     ];

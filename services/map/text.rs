@@ -44,6 +44,7 @@ struct ClassReport {
     id: u8,
     name: String,
     frames: u64,
+    /// Mean over the observed cells of the share of their frames, as in `tog map diff`.
     share: f64,
     cells_leading: usize,
 }
@@ -54,7 +55,7 @@ impl Report {
         let grid = &map.grid;
         let cells = grid.geometry().cells();
         let totals = totals(counts, cells);
-        let all: u128 = totals.iter().map(|total| u128::from(*total)).sum();
+        let observed = totals.iter().filter(|total| **total > 0).count();
         let leads = |cell: usize| {
             let classes = 0..grid.classes.len();
             classes.rev().max_by_key(|class| counts[class * cells + cell])
@@ -64,13 +65,15 @@ impl Report {
             leading[leads(cell).unwrap_or(0)] += 1;
         }
         let class = |(index, class): (usize, &protocol::grid::ClassName)| {
-            let frames = counts[index * cells..(index + 1) * cells].iter();
-            let frames = frames.fold(0u64, |sum, count| sum.saturating_add(*count));
+            let counts = &counts[index * cells..(index + 1) * cells];
+            let frames = counts.iter().fold(0u64, |sum, count| sum.saturating_add(*count));
+            let seen = counts.iter().zip(&totals).filter(|(_, total)| **total > 0);
+            let shares: f64 = seen.map(|(count, total)| *count as f64 / *total as f64).sum();
             ClassReport {
                 id: class.id,
                 name: class.name.clone(),
                 frames,
-                share: frames as f64 / all.max(1) as f64,
+                share: shares / observed.max(1) as f64,
                 cells_leading: leading[index],
             }
         };
@@ -88,7 +91,7 @@ impl Report {
             preset: grid.preset.clone(),
             contexts: grid.contexts.clone(),
             lasers: grid.lasers.iter().map(|laser| laser.id.clone()).collect(),
-            cells_observed: totals.iter().filter(|total| **total > 0).count(),
+            cells_observed: observed,
             observed_s_max: longest as f64 * grid.frame_period_ns as f64 / 1e9,
             classes: grid.classes.iter().enumerate().map(class).collect(),
         }
@@ -120,14 +123,19 @@ impl Report {
             u64::from(self.columns) * u64::from(self.rows),
             self.observed_s_max,
         );
-        let _ = writeln!(text, "  {:<32} {:>9} {:>14}", "class", "share", "leads in");
+        let _ = writeln!(text, "  {:<32} {:>10} {:>14}", "class", "mean share", "leads in");
         for class in &self.classes {
             let (share, leading) = (class.share * 100.0, class.cells_leading);
-            let _ = writeln!(text, "  {:<32} {share:>7.2} % {leading:>8} cells", class.name);
+            let _ = writeln!(text, "  {:<32} {share:>8.2} % {leading:>8} cells", class.name);
         }
+        text.push_str(SHARE_TEXT);
         text
     }
 }
+
+/// What a mean share is, under the tables.
+const SHARE_TEXT: &str =
+    "  mean share: share of a cell's frames, averaged over the observed cells\n";
 
 /// A difference as JSON.
 pub fn document(grid: &GridFile, names: &[String; 2], difference: &Difference) -> String {
@@ -166,7 +174,7 @@ pub fn difference(grid: &GridFile, names: &[String; 2], difference: &Difference)
     let _ = writeln!(
         text,
         "  {:<12} {:>8} {:>9} {:>6} {:>6}  {:<32} largest fall",
-        "class", "before", "after", "more", "less", "largest rise"
+        "mean share", "before", "after", "more", "less", "largest rise"
     );
     for class in &difference.classes {
         let _ = writeln!(

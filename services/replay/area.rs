@@ -1,6 +1,7 @@
 //! One area of a replay: sources -> pipeline -> files.
 
 use super::lane::Lane;
+use super::words::{self, TooShort};
 use super::{ReplayError, output, write_error};
 use crate::pipeline::Pipeline;
 use anomaly::Phase;
@@ -161,48 +162,78 @@ impl AreaRun {
             .map(|counts| counts.dropped_out_of_order + counts.dropped_geometry + counts.refused)
             .sum::<u64>()
             + counts.scans_refused;
-        let seconds = self.started.elapsed().as_secs_f64();
-        let replayed_s = self.frames as f64 * area.frame_period_ms / 1000.0;
+        let (seconds, replayed_s) = (self.started.elapsed().as_secs_f64(), self.replayed_s());
+        let lines = self.events.lines();
         format!(
-            "area {}: {} scans ({dropped} dropped), {} frames, {} changes of events, {replayed_s:.0} s \
-             in {seconds:.1} s ({:.0} x real time); the detector is {}",
+            "area {}: {} scans ({dropped} dropped), {} frames, {lines} {} of events, {} in {} \
+             ({:.0} x real time); the detector is {}",
             area.id,
             counts.scans_in,
             self.frames,
-            self.events.lines(),
+            if lines == 1 { "change" } else { "changes" },
+            words::duration(replayed_s),
+            words::duration(seconds),
             replayed_s / seconds.max(1e-9),
             self.pipeline.watch.phase().words(),
         )
     }
 
-    /// Why there are no events, if it is because the recording is too short to learn from.
-    pub fn too_short(&self) -> Option<String> {
-        let watch = &self.pipeline.watch;
-        let detector = &self.pipeline.area.detector;
-        let had = match watch.phase() {
-            Phase::Learning => format!("{:.0} s of learning", watch.learnt_s()),
-            Phase::Calibrating => {
-                format!("all of learning and {:.0} s of calibrating", watch.calibrated_s())
-            }
-            Phase::Watching => return None,
-        };
-        Some(format!(
-            "area {}: the recording is too short for events: the detector needs {:.0} s of normal life \
-             to learn and then {:.0} s to calibrate, and had {had}; a site file may ask for less with \
-             learning_s and calibration_s under [area.detector]",
-            self.pipeline.area.id, detector.learning_s, detector.calibration_s
-        ))
+    fn replayed_s(&self) -> f64 {
+        self.frames as f64 * self.pipeline.area.frame_period_ms / 1000.0
     }
 
-    /// Writes what is known at the end.
+    /// How far the detector of this area came, if the recording was too short to learn from.
+    pub fn too_short(&self) -> Option<TooShort> {
+        let watch = &self.pipeline.watch;
+        let had = match watch.phase() {
+            Phase::Learning => {
+                format!("{} of learning", words::duration(watch.learnt_s()))
+            }
+            Phase::Calibrating => format!(
+                "all of learning and {} of calibrating",
+                words::duration(watch.calibrated_s())
+            ),
+            Phase::Watching => return None,
+        };
+        let (area, detector) = (&self.pipeline.area, &self.pipeline.area.detector);
+        Some(TooShort {
+            area: area.id.clone(),
+            had,
+            learning_s: detector.learning_s,
+            calibration_s: detector.calibration_s,
+        })
+    }
+
+    /// Why no cell has a class, if `total` counts none.
+    fn never_classified(&self, total: &[u64]) -> Option<String> {
+        if total.iter().any(|count| *count > 0) {
+            return None;
+        }
+        let area = &self.pipeline.area;
+        let scans = self.lanes.iter().map(|lane| lane.counts().scans).min().unwrap_or(0);
+        let facts = words::Empty {
+            replayed_s: self.replayed_s(),
+            scan_period_ms: self.replayed_s() * 1000.0 / scans.max(1) as f64,
+            frame_period_ms: area.frame_period_ms,
+            scan_age_max_ms: area.scan_age_max_ms,
+            longest_s: area.timescales_s.iter().copied().fold(0.0, f64::max),
+            known_share_min: area.known_share_min,
+        };
+        Some(format!("warning: area {}: no cell was ever classified: {}", area.id, facts.why()))
+    }
+
+    /// Writes what is known at the end; returns why the map is empty, if it is.
     ///
     /// # Errors
     /// If the results cannot be written.
-    pub fn finish(self, recording: &Path) -> Result<(), ReplayError> {
+    pub fn finish(self, recording: &Path) -> Result<Option<String>, ReplayError> {
+        let total = output::total_counts(&self.pipeline);
+        let why_empty = self.never_classified(&total);
         let Self { pipeline, results, events, directory, .. } = self;
         let mapper = &pipeline.mapper;
         results.finish(mapper.grid(), &mapper.context_names()).map_err(write_error(&directory))?;
         let marks = events.finish()?;
-        output::write_map(&directory, &pipeline, &marks, recording)
+        output::write_map(&directory, &pipeline, &total, &marks, recording)?;
+        Ok(why_empty)
     }
 }

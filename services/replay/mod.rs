@@ -8,20 +8,24 @@
 //! | `layout.rs` | a site file for a recording that has none |
 //! | `lane.rs` | the scans of a laser, decoded on a thread of their own |
 //! | `area.rs` | one area: lanes -> pipeline -> files |
+//! | `words.rs` | what it says of itself |
 //! | `output.rs` | events.jsonl; grid.json and pictures as `services/map/` draws them |
 
 mod area;
 mod lane;
 pub mod layout;
 mod output;
+mod words;
 
+use crate::bag::site::{RecordedSiteError, attached, fed_by};
 use crate::cli::{PresetName, Replay};
+use crate::map::overwrite;
 use crate::{fail, site_file};
 use area::AreaRun;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use process::exit;
 use protocol::geometry::Pose;
-use protocol::site::{Laser, Preset, Site, Source};
+use protocol::site::{Laser, Pace, Preset, Site, Source};
 use protocol::time::SECOND_NS;
 use recording::{Recording, RecordingIndex};
 use std::io;
@@ -62,6 +66,9 @@ pub enum ReplayError {
     /// A thread for the scans of a laser.
     #[error("cannot start a thread that reads the recording: {0}")]
     Thread(io::Error),
+    /// Results are there already.
+    #[error(transparent)]
+    Overwrite(#[from] overwrite::OverwriteError),
     /// A file of the results.
     #[error("cannot write the results to {}: {source}", path.display())]
     Write {
@@ -76,6 +83,9 @@ pub enum ReplayError {
     /// A picture that cannot be drawn.
     #[error(transparent)]
     Figure(#[from] figures::FigureError),
+    /// The site that is attached to the recording.
+    #[error(transparent)]
+    Recorded(#[from] RecordedSiteError),
     /// The site file.
     #[error(transparent)]
     SiteFile(#[from] site_file::SiteFileError),
@@ -106,7 +116,9 @@ pub fn main(arguments: &Replay) -> ExitCode {
         Ok(Outcome { cut: Some(cut), .. }) => {
             fail(exit::FAILED, format_args!("{cut}; what came before is replayed and written"))
         }
-        Err(error @ ReplayError::SiteFile(_)) => fail(exit::BAD_CONFIG, error),
+        Err(
+            error @ (ReplayError::SiteFile(_) | ReplayError::Recorded(RecordedSiteError::Site(_))),
+        ) => fail(exit::BAD_CONFIG, error),
         Err(error) => fail(exit::FAILED, error),
     }
 }
@@ -116,13 +128,21 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     // What is wrong with the site is told before a recording of hours is read.
     let site = arguments.site.as_deref().map(site_file::load).transpose()?;
     site.as_ref().map_or(Ok(()), all_replayed)?;
+    overwrite::for_run(&arguments.out, arguments.force)?;
     let recording = Recording::open(&arguments.recording)?;
+    let attached = if site.is_none() { attached_site(arguments, &recording)? } else { None };
+    let has_site = site.is_some() || attached.is_some();
     eprintln!("tog: reading {}", arguments.recording.display());
-    let index = RecordingIndex::scan(&recording, |_| site.is_none().then(Pose::default))?;
+    let index = RecordingIndex::scan(&recording, |_| (!has_site).then(Pose::default))?;
     report_contents(&index);
-    let site = match site {
-        Some(site) => site,
-        None => laid_out(arguments, &recording, &index)?,
+    let site = match (site, attached) {
+        (Some(site), _) => site,
+        (None, Some(site)) => {
+            let topics: Vec<String> =
+                index.topics.iter().map(|topic| topic.topic.to_string()).collect();
+            fed_by(site, &arguments.recording, &topics, Pace::default())?
+        }
+        (None, None) => laid_out(arguments, &recording, &index)?,
     };
     let mut sources = Vec::with_capacity(site.areas.len());
     for area in &site.areas {
@@ -130,7 +150,7 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
     }
 
     let several = site.areas.len() > 1;
-    let (mut cut, mut mostly_dropped) = (None, Vec::new());
+    let (mut cut, mut mostly_dropped, mut too_short) = (None, Vec::new(), Vec::new());
     for (area_index, sources) in sources.into_iter().enumerate() {
         let area = &site.areas[area_index];
         let directory = if several { arguments.out.join(&area.id) } else { arguments.out.clone() };
@@ -144,15 +164,30 @@ fn run(arguments: &Replay) -> Result<Outcome, ReplayError> {
         run.replay_all(&bar)?;
         bar.finish_and_clear();
         eprintln!("tog: {}", run.summary());
-        if let Some(why) = run.too_short() {
-            eprintln!("tog: {why}");
-        }
+        too_short.extend(run.too_short());
         cut = run.take_cut().or(cut);
         mostly_dropped.extend(run.mostly_dropped());
-        run.finish(&arguments.recording)?;
+        if let Some(why_empty) = run.finish(&arguments.recording)? {
+            eprintln!("tog: {why_empty}");
+        }
         eprintln!("tog: results of area {} are in {}", area.id, directory.display());
     }
+    if let Some(why) = words::too_short(&too_short) {
+        eprintln!("tog: {why}");
+    }
     Ok(Outcome { cut, mostly_dropped })
+}
+
+/// The site that our recorder put into the recording; not if a preset is asked for, which is of a
+/// site that is laid out.
+fn attached_site(
+    arguments: &Replay,
+    recording: &Recording,
+) -> Result<Option<Site>, RecordedSiteError> {
+    match arguments.preset {
+        PresetName::Default => attached(recording),
+        PresetName::Paper | PresetName::Onehot => Ok(None),
+    }
 }
 
 /// Refuses a site with a laser that no recording can feed.
@@ -191,13 +226,22 @@ fn laid_out(
             area.rows,
             area.cell_m * 100.0
         );
+        if area.frame_period_ms != layout::FRAME_PERIOD_MS {
+            eprintln!(
+                "tog: its scans come more slowly than 4 Hz: a frame every {} ms (frame_period_ms), of \
+                 scans not older than {} ms (scan_age_max_ms)",
+                area.frame_period_ms, area.scan_age_max_ms
+            );
+        }
     }
     eprintln!("tog: wrote {}: put the poses right there and replay with --site", path.display());
     Ok(site)
 }
 
 fn report_contents(index: &RecordingIndex) {
-    for topic in &index.topics {
+    let mut topics: Vec<_> = index.topics.iter().collect();
+    topics.sort_by(|a, b| a.topic.cmp(&b.topic)); // as `tog bag info` shows them
+    for topic in topics {
         let percent = |part: u64| 100.0 * part as f64 / topic.readings.max(1) as f64;
         let span_s = (topic.last_stamp_ns - topic.first_stamp_ns) as f64 / SECOND_NS as f64;
         eprintln!(

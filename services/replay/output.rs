@@ -66,30 +66,36 @@ impl EventLog {
     }
 }
 
-/// Writes `grid.json`, a PNG per class and `overview.png`.
+/// The collapsed counts \[class, row, column\] of all contexts together.
+pub fn total_counts(pipeline: &Pipeline) -> Vec<u64> {
+    let Pipeline { area, mapper, .. } = pipeline;
+    let values = area.class_names().len() * area.grid().cells();
+    let (mut total, mut counts) = (vec![0u64; values], vec![0u64; values]);
+    for context in 0..mapper.context_names().len() {
+        mapper.grid().collapsed(context, &mut counts);
+        total.iter_mut().zip(&counts).for_each(|(total, count)| *total += count);
+    }
+    total
+}
+
+/// Writes `grid.json`, and the `total` counts as a PNG per class and `overview.png`.
 ///
 /// # Errors
 /// If a picture cannot be drawn, or a file written.
 pub fn write_map(
     directory: &Path,
     pipeline: &Pipeline,
+    total: &[u64],
     events: &[EventMark],
     recording: &Path,
 ) -> Result<(), ReplayError> {
-    let Pipeline { area, lasers, fusion, mapper, .. } = pipeline;
+    let Pipeline { area, lasers, fusion, .. } = pipeline;
     let lasers = lasers.iter().enumerate();
     let lasers = lasers.map(|(index, laser)| LaserEntry::of(laser, fusion.geometry(index)));
     let grid = GridFile::of(area, lasers.collect());
     grid.write(directory).map_err(write_error(directory))?;
 
-    let values = grid.shape().iter().product();
-    let mut total = vec![0u64; values];
-    let mut counts = vec![0u64; values];
-    for context in 0..mapper.context_names().len() {
-        mapper.grid().collapsed(context, &mut counts);
-        total.iter_mut().zip(&counts).for_each(|(total, count)| *total += count);
-    }
     let name = recording.file_name().unwrap_or_default().to_string_lossy();
-    let pictures = Pictures::new(&grid, &total, &name, events, Options::default())?;
+    let pictures = Pictures::new(&grid, total, &name, events, Options::default())?;
     Ok(pictures.write_all(directory)?)
 }

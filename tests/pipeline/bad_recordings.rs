@@ -39,19 +39,20 @@ impl Bench {
         path
     }
 
-    /// Replays without a site file into `out`.
+    /// Replays without a site file into `out`, also if results are there.
     fn replay(&self, recording: &Path) -> Ended {
         let out = self.path("out");
         let arguments = [Path::new("replay"), recording, Path::new("--out"), &out];
-        tog(&self.scratch, arguments)
+        tog(&self.scratch, arguments.into_iter().chain([Path::new("--force")]))
     }
 
-    /// Replays with the site file of one laser; every frame; into a directory of this name.
+    /// Replays with the site file of one laser; every frame; into a directory of this name,
+    /// also if results are there.
     fn replay_corner(&self, recording: &Path, out: &str) -> (Ended, PathBuf) {
         let text = site(recording, CORNER_AREA, &[("scan", "/scan", [0.0; 3])]);
         let (site, out) = (self.file("site.toml", text.as_bytes()), self.path(out));
         let arguments = [Path::new("replay"), recording, Path::new("--site"), &site];
-        let rest = [Path::new("--every-frame"), Path::new("--out"), &out];
+        let rest = [Path::new("--every-frame"), Path::new("--force"), Path::new("--out"), &out];
         (tog(&self.scratch, arguments.into_iter().chain(rest)), out)
     }
 

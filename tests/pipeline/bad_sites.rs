@@ -84,6 +84,20 @@ fn several_errors_are_told_at_once() {
 }
 
 #[test]
+fn programs_read_the_errors_as_json_with_line_and_column() {
+    let bench = Bench::new();
+    let path = bench.scratch.path().join("site.toml");
+    std::fs::write(&path, bench.text.replacen("columns", "colums", 1)).unwrap();
+    let arguments = [Path::new("check"), path.as_path(), Path::new("--format"), Path::new("json")];
+    let ended = tog(&bench.scratch, arguments);
+    ended.expect(78, &[]);
+    let json: serde_json::Value = serde_json::from_str(&ended.out).unwrap();
+    let first = &json["items"][0];
+    assert!(first["line"].as_u64() > Some(1) && first["column"].as_u64() >= Some(1), "{json:#}");
+    assert!(first["message"].as_str().is_some_and(|text| text.contains("colum")), "{json:#}");
+}
+
+#[test]
 fn two_lasers_of_one_id_are_told_with_the_line() {
     Bench::new().refused("id = \"b\"", "id = \"a\"", &["id = \"a\"", "^", "site.toml:"]);
 }

@@ -120,3 +120,61 @@ fn a_csv_of_strangers_is_read_as_it_is_declared() {
     bench.bag(&bad).expect(2, &["the columns lack r...", "--help"]);
     assert!(Path::new(&bench.path("x.mcap")).exists());
 }
+
+#[test]
+fn nothing_but_files_is_written_over() {
+    let bench = Bench::new();
+    std::fs::create_dir(bench.path("dir.mcap")).unwrap();
+    let mkfifo = std::process::Command::new("mkfifo").arg(bench.path("pipe.mcap")).status();
+    assert!(mkfifo.unwrap().success());
+    std::os::unix::fs::symlink(bench.path("pipe.mcap"), bench.path("link.mcap")).unwrap();
+    for (out, words) in [
+        ("dir.mcap", "dir.mcap is a directory"),
+        ("pipe.mcap", "pipe.mcap is a pipe"),
+        ("link.mcap", "link.mcap is a pipe"),
+    ] {
+        bench.bag(&["import", "two.mcap", "--out", out, "--force"]).expect(1, &[words]);
+        bench.bag(&["convert", "two.mcap", out]).expect(1, &[words]);
+        // Before anything is read.
+        bench.bag(&["export", "none.mcap", "--out", out, "--force"]).expect(1, &[words]);
+    }
+    std::fs::write(bench.path("old.mcap"), "old").unwrap();
+    std::os::unix::fs::symlink("old.mcap", bench.path("to_old.mcap")).unwrap();
+    bench.bag(&["import", "two.mcap", "--out", "to_old.mcap", "--force"]).expect(0, &[]);
+    assert!(bench.path("to_old.mcap").is_symlink(), "the link stays");
+    assert_eq!(bench.json("old.mcap")["topics"][0]["scans"], 30);
+    let other = ["import", "two.mcap", "--out", "x.csv"];
+    bench.bag(&other).expect(1, &["import writes MCAP", "tog bag export"]);
+    assert!(!bench.path("x.csv").exists());
+}
+
+#[test]
+fn rows_of_a_csv_that_are_no_scans_are_counted() {
+    let bench = Bench::new();
+    let columns = "t,r*3,angle_min=0,angle_increment=0.1,range_max=8";
+    std::fs::write(bench.path("x.csv"), "-1,1,2,3\n#0,1,2,3\n1700000000,1,2,3\n").unwrap();
+    let import = ["import", "x.csv", "--columns", columns, "--out", "x.mcap"];
+    bench.bag(&import).expect(0, &["2 messages were refused", "line 1"]);
+    std::fs::write(bench.path("y.csv"), "-1,1,2,3\n-2,1,2,3\n").unwrap();
+    let ended = bench.bag(&["info", "y.csv", "--columns", columns]);
+    ended.expect(1, &["2 messages were refused", "line 1", "no scan that can be used"]);
+}
+
+#[test]
+fn a_recording_of_which_nothing_is_saved_fails_and_a_damaged_one_is_warned_of() {
+    let bench = Bench::new();
+    let whole = std::fs::read(bench.path("two.mcap")).unwrap();
+    let is_chunk = |at: usize| whole[at] == 6 && whole[at..][..50].windows(4).any(|w| w == b"zstd");
+    let chunks: Vec<usize> = (8..whole.len() - 50).filter(|at| is_chunk(*at)).collect();
+    assert!(chunks.len() > 2, "{chunks:?}");
+    let mut damaged = whole.clone();
+    damaged[chunks[0] + 100..][..64].fill(0);
+    std::fs::write(bench.path("damaged.mcap"), &damaged).unwrap();
+    let words = ["saved", "WARN", "1 damaged parts"];
+    bench.bag(&["recover", "damaged.mcap", "--out", "saved.mcap"]).expect(0, &words);
+    for chunk in chunks {
+        damaged[chunk + 100..][..64].fill(0);
+    }
+    std::fs::write(bench.path("worse.mcap"), &damaged).unwrap();
+    bench.bag(&["recover", "worse.mcap", "--out", "none.mcap"]).expect(1, &["no message", "WARN"]);
+}

@@ -81,7 +81,7 @@ fn every_site_file_that_is_delivered_is_right() {
             let ended = tog(&scratch, [Path::new("check"), &path]);
             ended.expect(
                 78,
-                &["recording.mcap", "No such file", "replay-example.toml:31:", "1 error"],
+                &["recording.mcap", "No such file", "replay-example.toml:32:", "1 error"],
             );
             checked += 1;
         } else if path.ends_with("two-hosts.toml") {
@@ -138,10 +138,10 @@ fn a_site_file_that_cannot_be_read_is_named() {
     std::fs::write(&bytes, [0xff, 0xfe, 0x00]).unwrap();
     let cannot = "cannot read the site file";
     tog(&scratch, ["check", "absent.toml"]).expect(78, &[cannot, "absent.toml", "No such file"]);
-    tog(&scratch, ["check", "/tmp"]).expect(78, &[cannot, "Is a directory"]);
+    tog(&scratch, ["check", "/tmp"]).expect(78, &[cannot, "it is a directory"]);
     tog(&scratch, [Path::new("check"), &bytes]).expect(78, &[cannot, "bytes.toml", "UTF-8"]);
-    tog(&scratch, ["check", "/dev/null"]).expect(78, &["the site file lacks `name`"]);
-    tog(&scratch, ["check", "/dev/zero"]).expect(78, &["a site file at most 1048576"]);
+    tog(&scratch, ["check", "/dev/null"]).expect(78, &[cannot, "expected a regular file"]);
+    tog(&scratch, ["check", "/dev/zero"]).expect(78, &[cannot, "expected a regular file"]);
 }
 
 #[test]

@@ -21,7 +21,7 @@ fn the_demo_raises_an_alert_ends_by_itself_and_leaves_nothing() {
     let alert = ended.err.lines().chain(ended.out.lines()).find(|line| line.contains("ALERT"));
     println!("{}", alert.unwrap_or_default());
     let says = |part| alert.is_some_and(|line| line.contains(part));
-    assert!(says("foyer") && says("Score"), "it says where and how sure it is: {alert:?}");
+    assert!(says("foyer") && says("score"), "it says where and how sure it is: {alert:?}");
 
     assert_eq!(files(&temporary), Vec::<PathBuf>::new());
     assert_eq!(std::fs::read_dir(&temporary).unwrap().count(), 0, "no directory is left");

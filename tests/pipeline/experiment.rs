@@ -29,10 +29,13 @@ fn an_experiment_leaves_its_scans_truth_map_and_verdicts_and_the_same_seed_the_s
     let said = run(&scratch, "1", &["--seed", "3"], &a);
     run(&scratch, "1", &["--seed", "3"], &b);
     let expected = [
-        "counts.default.npy",
-        "counts.onehot.npy",
-        "counts.paper.npy",
+        "default/collapsed_counts.npy",
+        "default/grid.json",
         "figure-1.png",
+        "onehot/collapsed_counts.npy",
+        "onehot/grid.json",
+        "paper/collapsed_counts.npy",
+        "paper/grid.json",
         "scans.mcap",
         "site.toml",
         "surface.npy",
@@ -71,10 +74,17 @@ fn a_replay_of_the_recording_of_an_experiment_gives_its_map_to_the_bit() {
     let (recording, site) = (out.join("scans.mcap"), out.join("site.toml"));
     let replay = [Path::new("replay"), &recording, Path::new("--site"), &site];
     tog(&scratch, replay.into_iter().chain([Path::new("--out"), &again])).expect(0, &[]);
-    let [one, two] = [out.join("counts.default.npy"), again.join("collapsed_counts.npy")]
+    let [one, two] = [out.join("default/collapsed_counts.npy"), again.join("collapsed_counts.npy")]
         .map(|path| Npy::read(&path));
     assert_eq!(one.shape, two.shape);
     assert!(one.bytes == two.bytes, "the recording says what the lasers said");
+    let one = scratch.path().join("one");
+    run(&scratch, "1", &[], &one);
+    let diff = ["map", "diff", "one/default", "out/default"];
+    tog(&scratch, diff).expect(0, &["area room: from one/default to out/default"]);
+    let twice = ["experiment", "1", "--out", "one"];
+    tog(&scratch, twice).expect(1, &["a map is there already", "--force"]);
+
     let found = verdicts(&out);
     for claim in ["path", "empty", "agrees", "legs"] {
         assert!(holds(&found, "default", claim), "{claim}: {found:#}");

@@ -44,7 +44,7 @@ impl Maps {
         let out = [PathBuf::from("--out"), self.at(name)];
         let ended =
             tog(&self.scratch, arguments.into_iter().chain(out.iter().map(PathBuf::as_path)));
-        ended.expect(0, &["too short for events", "needs 21600 s", "s of learning; a site file"]);
+        ended.expect(0, &["too short for events", "needs 6 h", "s of learning; a site file"]);
     }
 
     /// `tog map` in the directory of the maps.
@@ -119,7 +119,11 @@ fn maps_are_added_and_the_sum_is_a_map_for_every_verb() {
     assert!((longest("three") - 2.0 * longest("before") - longest("after")).abs() < 0.5);
     maps.map("render three --out three.png").expect(0, &[]);
     maps.map("diff three before").expect(0, &[]);
-    maps.map("merge before after --out both").expect(2, &["a map is there already"]);
+    maps.map("merge before after --out both").expect(1, &["a map is there already", "--force"]);
+    maps.map("merge before after --out both --force").expect(0, &[]);
+    maps.map("merge before before --out twice").expect(2, &["before is given twice"]);
+    maps.map("render before --out x.gif").expect(2, &["format .gif, expected .png, .svg"]);
+    maps.map("render before --out deep/er/x.png").expect(0, &["wrote deep/er/x.png"]);
 }
 
 #[test]
@@ -179,7 +183,7 @@ fn contexts_are_kept_apart_and_add_up() {
 fn what_is_no_map_is_refused_in_words() {
     let maps = Maps::new();
     maps.map("info .").expect(1, &["there is no map at .", "--area: `after`, `before`"]);
-    maps.map("info nowhere").expect(78, &["cannot read the site file nowhere"]);
+    maps.map("info nowhere").expect(1, &["neither a directory with a map nor a site file"]);
     maps.map("render before after --out x.png").expect(2, &["takes one map", "found 2"]);
     maps.map("diff before").expect(2, &["takes two maps", "found 1"]);
     maps.map("merge before --out x").expect(2, &["needs two maps or more"]);

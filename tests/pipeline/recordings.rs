@@ -73,6 +73,14 @@ fn round_trip(recording: &Path, site: &str, topics: &[(&str, &str)]) {
     let again_path = scratch.path().join("again.toml");
     std::fs::write(&again_path, again).unwrap();
     same_arrays(&original, &replay(&scratch, &recorded, &again_path, "again"));
+    // Alone: the site that is attached to it, of the file and of its directory.
+    for (name, path) in [("file", recorded.as_path()), ("bag", recorded.parent().unwrap())] {
+        let out = scratch.path().join(name);
+        let end = ["--every-frame".as_ref(), "--out".as_ref(), out.as_path()];
+        let arguments = ["replay".as_ref(), path].into_iter().chain(end);
+        tog(&scratch, arguments).expect(0, &["the site is the one that is attached"]);
+        same_arrays(&original, &out);
+    }
     let classes: BTreeSet<u8> =
         Npy::read(&original.join("classes.npy")).bytes.into_iter().collect();
     assert!(classes.len() > 3, "nothing was compared: only classes {classes:?}");
@@ -184,6 +192,37 @@ fn a_recording_of_others_is_replayed() {
     let out = scratch.path().join("out");
     tog(&scratch, [Path::new("replay"), &path, Path::new("--out"), &out])
         .expect(0, &["/scan: 100 scans of 91 beams", "100 scans (0 dropped)"]);
+}
+
+#[test]
+fn scans_every_three_seconds_make_a_map_and_a_map_of_nothing_says_why() {
+    let scratch = scratch();
+    let (path, out) = (scratch.path().join("slow.mcap"), scratch.path().join("out"));
+    // Slow, and with a pause of an hour in the middle.
+    let slow = |number: u64| {
+        let mut scan = made::corner(0);
+        let pause_ns = if number < 60 { 0 } else { 3600 * 1_000_000_000 };
+        scan.stamp_ns = made::NEW_YEAR_NS + number * 3_000_000_000 + pause_ns;
+        (0, scan)
+    };
+    made::write(&path, &["/scan"], (0..120).map(slow));
+    let replay = |rest: &[&str]| {
+        let arguments = [Path::new("replay"), &path];
+        tog(&scratch, arguments.into_iter().chain(rest.iter().map(Path::new)))
+    };
+    let words = ["a frame every 3000 ms", "not older than 7500 ms (scan_age_max_ms)"];
+    let said = replay(&["--out", "out"]).expect(0, &words).err.clone();
+    assert!(!said.contains("no cell was ever classified"), "{said}");
+    replay(&["--out", "out"]).expect(1, &["a map is there already", "--force"]);
+    replay(&["--out", "out", "--force", "--preset", "paper"]).expect(0, &[]);
+    assert!(!out.join("transit.png").exists(), "of the run before");
+
+    let laid = std::fs::read_to_string(out.join("site.toml")).unwrap();
+    let fast: String =
+        laid.lines().filter(|line| !line.contains("_ms = ")).flat_map(|l| [l, "\n"]).collect();
+    std::fs::write(scratch.path().join("fast.toml"), fast).unwrap();
+    let words = ["no cell was ever classified: a scan comes every", "Set scan_age_max_ms = "];
+    replay(&["--site", "fast.toml", "--out", "nothing"]).expect(0, &words);
 }
 
 #[test]

@@ -42,6 +42,25 @@ fn a_removed_run_directory_lets_no_second_instance_in_and_comes_back() {
     let log = site.log();
     log.wait_for("the site begins anew");
     site.wait_until_frames_flow(10);
+    let flood = |line: &&String| line.contains("static storage") || line.contains("origin=");
+    assert_eq!(log.all().iter().filter(flood).count(), 0, "{}", log.text());
+    site.stop();
+}
+
+#[test]
+fn a_state_directory_that_is_removed_is_told_and_its_journal_is_back_before_the_next_event() {
+    let mut site = Site::start(ROOM);
+    site.wait_until_frames_flow(5);
+    let state = site.dir.join("state");
+    fs::remove_dir_all(&state).unwrap();
+    site.log().wait_for("was removed while the site runs");
+    let journal = state.join("journal.sqlite3");
+    site.wait_until("the journal", |_| journal.is_file().then_some(()));
+    // The lock is there again, and was never free.
+    fs::remove_file(state.join("lock")).unwrap();
+    let second = tog(&site.dir.join("o"), ["run"]).arg(site.file()).output().unwrap();
+    assert_eq!(second.status.code(), Some(1));
+    site.log().wait_for("state/lock was removed while the site runs");
     site.stop();
 }
 

@@ -17,6 +17,8 @@ use std::collections::BTreeMap;
 
 /// Changes taken from shared memory and journaled in one transaction: what its buffer holds.
 const BATCH_MAX: usize = 256;
+/// The place of the journal is looked at this often.
+const LOOK_NS: u64 = process::health::PERIOD_NS / 2;
 /// Origin of the faults of the host.
 const HOST: &str = "host";
 /// Codes of the faults that the keeper may have.
@@ -41,6 +43,7 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         latencies: Latencies::default(),
         acknowledgements: worker.bus.publisher(&topic::event_acknowledgement(), 0)?,
         garbage: 0,
+        looked_mono_ns: monotonic_ns(),
     };
     // To all, also to those of whom nothing is known: what was sent while no service ran is lost,
     // and the acknowledgement of a new session asks for it.
@@ -68,6 +71,8 @@ struct Service {
     latencies: Latencies,
     acknowledgements: Publisher<BytesHeader, u8>,
     garbage: u64,
+    /// When the place of the journal was looked at.
+    looked_mono_ns: u64,
 }
 
 impl Service {
@@ -113,6 +118,12 @@ impl Service {
     /// Deadlines, the sockets, and how we are.
     fn serve(&mut self, worker: &mut Worker) {
         let mono_ns = monotonic_ns();
+        // No deadline of its own: the beat of the health wakes us once a second.
+        if mono_ns >= self.looked_mono_ns + LOOK_NS {
+            self.looked_mono_ns = mono_ns;
+            let report = self.keeper.look(now());
+            self.handle(report, worker);
+        }
         if self.keeper.deadline_ns().is_some_and(|deadline_ns| deadline_ns <= mono_ns) {
             let report = self.keeper.tick(now());
             self.handle(report, worker);

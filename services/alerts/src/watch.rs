@@ -4,6 +4,7 @@
 //! lost or told twice. What the service told before it was on disk comes again when it is: text
 //! leaves the second one out, JSON passes both on with their `journaled`.
 
+use crate::journal::{Filter, Journal};
 use crate::list::Format;
 use crate::words::{self, ZoneError};
 use jiff::tz::TimeZone;
@@ -21,12 +22,18 @@ use std::path::PathBuf;
 const LINE_BYTES_MAX: usize = 64 * 1024;
 /// Early notices remembered, to tell them once: as many as the service keeps.
 const EARLY_MAX: usize = crate::keeper::BACKLOG_MAX;
+/// Open events are counted up to this.
+const OPEN_MAX: usize = 10_000;
 /// The service is restarted within 2 s; a connection attempt costs microseconds.
 const RECONNECT_NS: u64 = 500 * MILLISECOND_NS;
 
 /// What is to be watched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WatchOptions {
+    /// The site's name, for the notes.
+    pub site: String,
+    /// Its journal. When its directory is gone nothing can come any more.
+    pub journal: PathBuf,
     /// The feed: `<run_dir>/alerts.sock`.
     pub socket: PathBuf,
     /// The site's time zone, an IANA name.
@@ -57,6 +64,12 @@ pub enum WatchError {
         /// Its words.
         reason: String,
     },
+    /// The site is gone, not only its service.
+    #[error("nothing can come any more: the state directory {} is gone", directory.display())]
+    Gone {
+        /// What was there.
+        directory: PathBuf,
+    },
     /// The site's time zone.
     #[error(transparent)]
     Zone(#[from] ZoneError),
@@ -79,6 +92,7 @@ pub fn watch(
     let mut watcher = Watcher::new(options)?;
     let mut stream = UnixStream::connect(&options.socket)
         .map_err(|source| WatchError::NotRunning { socket: options.socket.clone(), source })?;
+    writeln!(notes, "{}", following(options))?;
     loop {
         match session(&mut watcher, stream, events, out, notes)? {
             Ended::Stopped => return Ok(()),
@@ -90,6 +104,9 @@ pub fn watch(
             }
         }
         stream = loop {
+            if let Some(directory) = options.journal.parent().filter(|path| !path.exists()) {
+                return Err(WatchError::Gone { directory: directory.to_owned() });
+            }
             if events.wait(Some(monotonic_ns() + RECONNECT_NS))?.stop {
                 return Ok(());
             }
@@ -98,6 +115,16 @@ pub fn watch(
             }
         };
         writeln!(notes, "the feed is back")?;
+    }
+}
+
+/// `following foyer, 2 open`: what a guard who begins the shift wants to know first.
+fn following(options: &WatchOptions) -> String {
+    let filter = Filter { open_only: true, limit: OPEN_MAX, ..Filter::default() };
+    let open = Journal::open_read_only(&options.journal).and_then(|journal| journal.list(&filter));
+    match open {
+        Ok(open) => format!("following {}, {} open", options.site, open.len()),
+        Err(_) => format!("following {}", options.site), // the feed says what there is
     }
 }
 

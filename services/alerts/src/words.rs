@@ -46,13 +46,14 @@ pub fn place(change: &EventChange) -> String {
     format!("{zone}{} ({:.1}, {:.1}) m", change.area, change.x_m, change.y_m)
 }
 
-/// How a state is called out: an alert is over, a fault is restored.
+/// How a state is called out: an alert is over, a fault is restored. An update says `now:`, because
+/// it may be of another kind than before, or come after an `over`.
 #[must_use]
 pub fn call(change: &EventChange) -> &'static str {
     match (change.state, change.kind.is_fault()) {
         (EventState::Raised, false) => "ALERT",
         (EventState::Raised, true) => "FAULT",
-        (EventState::Updated, _) => "still",
+        (EventState::Updated, _) => "now:",
         (EventState::Cleared, false) => "over",
         (EventState::Cleared, true) => "restored",
     }
@@ -60,7 +61,7 @@ pub fn call(change: &EventChange) -> &'static str {
 
 /// The change in one line of a log, whose own stamp says the date:
 /// `ALERT object left, 19:54:38 CET: why and where [foyer-12]`,
-/// `FAULT coverage lost at foyer (3.2, 4.1) m, 19:54:38 CET: why [foyer-13]`.
+/// `FAULT coverage lost, 19:54:38 CET: foyer (3.2, 4.1) m: why [foyer-13]`.
 #[must_use]
 pub fn sentence(change: &EventChange, zone: &TimeZone) -> String {
     let time = format_time(change.stamp_ns, zone, "%H:%M:%S %Z");
@@ -79,10 +80,10 @@ fn told(change: &EventChange, time: &str) -> String {
     let (call, kind) = (call(change), change.kind.words());
     // The text of a happening says where in its first sentence; that of a fault need not.
     let at = match change.kind.is_fault() {
-        true => format!(" at {}", place(change)),
+        true => format!("{}: ", place(change)),
         false => String::new(),
     };
-    printable(&format!("{call} {kind}{at}{time}: {} [{}]", change.text, change.id))
+    printable(&format!("{call} {kind}{time}: {at}{} [{}]", change.text, change.id))
 }
 
 /// Control characters could move the cursor of a terminal or fake a line: they become a space.
@@ -123,14 +124,18 @@ mod tests {
             sentence(&object, &utc),
             "ALERT object left, 04:26:42 UTC: something stands here [foyer-12]"
         );
+        object.state = EventState::Updated;
+        assert!(sentence(&object, &utc).starts_with("now: object left, 04:26:42 UTC: some"));
         object.state = EventState::Cleared;
         object.zone = None;
         assert!(line(&object, &utc).contains("over object left: something"));
         object.kind = EventKind::CoverageLost;
-        assert!(line(&object, &utc).contains("restored coverage lost at foyer (2.2, 2.0) m: some"));
+        let restored = "restored coverage lost, 04:26:42 UTC: foyer (2.2, 2.0) m: some";
+        assert!(sentence(&object, &utc).starts_with(restored));
+        assert!(line(&object, &utc).contains("restored coverage lost: foyer (2.2, 2.0) m: some"));
         object.kind = EventKind::ProcessRestarted;
         object.area.clear();
-        assert!(line(&object, &utc).contains("restored process restarted at this host:"));
+        assert!(line(&object, &utc).contains("restored process restarted: this host:"));
     }
 
     #[test]

@@ -286,6 +286,8 @@ impl Instance {
 fn watch(run_dir: &Path) {
     let events = EventLoop::new().unwrap();
     let options = WatchOptions {
+        site: "lab".to_owned(),
+        journal: run_dir.join(alerts::JOURNAL_FILE), // counted at the start only, and not needed
         socket: run_dir.join(alerts::SOCKET_FILE),
         timezone: "Europe/Berlin".to_owned(),
         format: Format::Text,
@@ -389,6 +391,8 @@ fn the_socket_is_private_refuses_garbage_and_has_a_last_place() {
 #[test]
 fn a_watch_without_a_service_says_what_to_do() {
     let options = WatchOptions {
+        site: "lab".to_owned(),
+        journal: PathBuf::from("/nonexistent/journal.sqlite3"),
         socket: PathBuf::from("/nonexistent/alerts.sock"),
         timezone: "UTC".to_owned(),
         format: Format::Text,
@@ -397,4 +401,26 @@ fn a_watch_without_a_service_says_what_to_do() {
     let events = EventLoop::new().unwrap();
     let error = alerts::watch(&options, &events, &mut Vec::new(), &mut Vec::new()).unwrap_err();
     assert!(error.to_string().contains("`tog run SITE`"), "{error}");
+}
+
+#[test]
+fn a_watch_whose_site_is_gone_with_its_state_ends_and_says_so() {
+    let root = tempfile::tempdir().unwrap();
+    let socket = root.path().join(alerts::SOCKET_FILE);
+    let listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    let service = std::thread::spawn(move || drop(listener.accept().unwrap()));
+    let options = WatchOptions {
+        site: "lab".to_owned(),
+        journal: root.path().join("state/journal.sqlite3"),
+        socket,
+        timezone: "UTC".to_owned(),
+        format: Format::Text,
+        after: None,
+    };
+    let (events, mut notes) = (EventLoop::new().unwrap(), Vec::new());
+    let error = alerts::watch(&options, &events, &mut Vec::new(), &mut notes).unwrap_err();
+    service.join().unwrap();
+    assert!(error.to_string().ends_with("state is gone"), "{error}");
+    let notes = String::from_utf8(notes).unwrap();
+    assert!(notes.starts_with("following lab\n"), "{notes}");
 }

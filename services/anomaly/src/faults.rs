@@ -27,6 +27,28 @@ struct Fault<'a> {
 }
 
 impl Watch {
+    /// Lasers whose silence is an open event, in words; none while all deliver.
+    #[must_use]
+    pub fn silent_lasers(&self) -> Option<String> {
+        if self.silent.iter().all(|state| state.event.is_none()) {
+            return None;
+        }
+        let open = self.lasers.iter().zip(&self.silent).filter(|(_, state)| state.event.is_some());
+        let names: Vec<String> = open.map(|(laser, _)| format!("`{}`", laser.id)).collect();
+        Some(format!(
+            "no scans from {} of area `{}`: what only they see is not watched; check power, cable \
+             and the service `laser`",
+            names.join(", "),
+            self.area.id
+        ))
+    }
+
+    /// What the open event of lost coverage says; none while the area is observed.
+    #[must_use]
+    pub fn lost_coverage(&self) -> Option<String> {
+        self.coverage.event.map(|_| self.coverage_text.clone())
+    }
+
     /// No class map came for `silence_s` seconds until `stamp_ns`: says so once. For the shell, which
     /// has a clock; a lossless replay has none.
     pub fn feed_silent(&mut self, stamp_ns: u64, silence_s: f64, changes: &mut Vec<EventChange>) {
@@ -182,6 +204,7 @@ impl Watch {
         text: &str,
         changes: &mut Vec<EventChange>,
     ) {
+        text.clone_into(&mut self.coverage_text);
         let grid = self.sense.grid;
         let at_m = point_m(&grid, [f64::from(grid.columns) / 2.0, f64::from(grid.rows) / 2.0]);
         self.tell_fault(
@@ -299,8 +322,8 @@ impl Watch {
             let place = self.ledger.place(at_m);
             let text = if raised {
                 format!(
-                    "A door is held open: {place}, for {}. Allowed are {}. It reads `background` while \
-                     it is shut; found by itself from {} of normal life.",
+                    "A door is held open: {place}, for {}. Allowed are {}. That it is a \
+                     door was found from {} of normal life.",
                     words::duration(open_s),
                     words::duration(limit_s),
                     words::duration(self.learnt_s())

@@ -322,7 +322,7 @@ impl Happening {
     }
 
     /// What the classes of the strongest region say.
-    fn kind_now(&self, stamp_ns: u64) -> EventKind {
+    pub(crate) fn kind_now(&self, stamp_ns: u64) -> EventKind {
         let Some(region) = &self.region else {
             return self.kind;
         };

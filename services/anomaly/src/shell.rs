@@ -76,10 +76,9 @@ impl Service {
         };
         let area = area.clone();
         let state_dir = worker.instance.state_dir.clone();
-        let fail = |error: std::io::Error| {
-            Failure::Failed(format!("the state directory {}: {error}", state_dir.display()))
-        };
-        std::fs::create_dir_all(&state_dir).map_err(fail)?;
+        let fail = |error: std::io::Error| Failure::Failed(error.to_string());
+        process::state_lock::create(&state_dir).map_err(fail)?;
+        worker.health.set_fault("model_storage", process::state_lock::shortage(&state_dir));
         let mut watch = Watch::new(&area, &worker.site.lasers);
         let stamp_ns = wall_ns();
         if let Some(words) =
@@ -121,6 +120,9 @@ impl Service {
             silence_ns: START_SILENCE_NS,
             area,
         };
+        if service.phase != Phase::Watching {
+            tracing::info!("area `{}`: {}", service.area.id, service.watch.phase_words());
+        }
         service.say();
         service.resend();
         Ok(service)
@@ -300,6 +302,11 @@ impl Service {
         // 0 learning, 1 calibrating, 2 watching.
         health.gauge("phase", f64::from(self.watch.phase() as u8));
         health.gauge("learnt_s", self.watch.learnt_s());
+        health.gauge("learning_s", self.area.detector.learning_s);
+        health.gauge("calibration_s", self.area.detector.calibration_s);
+        // An open fault event is a fault of the site: nobody may read "all is well" beside it.
+        health.set_fault("laser_silent", self.watch.silent_lasers());
+        health.set_fault("coverage_lost", self.watch.lost_coverage());
         let now_ns = monotonic_ns();
         if now_ns >= self.percentiles_mono_ns + SECOND_NS {
             self.percentiles_mono_ns = now_ns; // they sort: once a second, not once a frame

@@ -104,6 +104,15 @@ impl Watch {
         bytes
     }
 
+    /// Most bytes of a snapshot: every count at its longest (5 bytes in postcard), and the rest, of
+    /// which descriptions and peaks of the calibration are below 1 MiB.
+    #[must_use]
+    pub fn snapshot_bytes_max(&self) -> u64 {
+        let slots = self.sense.roles.names().len() as u64 + 1;
+        let counts = self.sense.normal.contexts() as u64 * self.area.grid().cells() as u64 * slots;
+        5 * counts + (1 << 20)
+    }
+
     /// Goes on from a snapshot. To be called before the first class map.
     ///
     /// # Errors

@@ -74,10 +74,10 @@ impl Watch {
                 self.doors = self.sense.find_doors();
                 self.sense.set_scoring(true, now);
                 self.notice(format!(
-                    "learnt {} of normal life, found {} doors; calibrating for {}",
+                    "learnt {} of normal life, found {} doors; {}",
                     words::duration(self.sense.normal.learnt_s()),
                     self.doors.len(),
-                    words::duration(self.area.detector.calibration_s),
+                    self.phase_words(),
                 ));
             }
             Phase::Calibrating if !blind => {
@@ -102,6 +102,31 @@ impl Watch {
         let of = |peaks: &Peaks, floor| level(&peaks.declustered(), duration_s, budget, floor);
         self.space = of(&self.calibration.space, FLOOR_SPACE);
         self.time = of(&self.calibration.time, FLOOR_TIME);
+    }
+
+    /// The phase, how far it is, and from when on unusual events are told:
+    /// `learning, 3 min of 10 min; until unusual events are told it needs 17 min of normal life more`.
+    #[must_use]
+    pub fn phase_words(&self) -> String {
+        let detector = &self.area.detector;
+        let (learnt_s, calibrated_s) = (self.learnt_s(), self.calibrated_s());
+        let calibration_s = (detector.calibration_s - calibrated_s).max(0.0);
+        let (done_s, goal_s, left_s) = match self.phase {
+            Phase::Learning => {
+                let learning_s = (detector.learning_s - learnt_s).max(0.0);
+                (learnt_s, detector.learning_s, learning_s + calibration_s)
+            }
+            Phase::Calibrating => (calibrated_s, detector.calibration_s, calibration_s),
+            Phase::Watching => return self.watching_words(),
+        };
+        format!(
+            "{}, {} of {}; until unusual events are told it needs {} of normal life more, until then \
+             only faults are told",
+            self.phase.words(),
+            words::duration(done_s),
+            words::duration(goal_s),
+            words::duration(left_s),
+        )
     }
 
     pub(crate) fn watching_words(&self) -> String {
@@ -187,7 +212,7 @@ impl Watch {
                 let seconds = happening.seen_ns.saturating_sub(happening.first_ns) as f64 * 1e-9;
                 words::cleared("Nothing unusual is seen any more", &place, seconds)
             } else {
-                words::happening(happening, sense, &place, stamp_ns, certainty)
+                words::happening(happening, state, sense, &place, stamp_ns, certainty)
             };
             changes.push(ledger.change(Entry {
                 number: happening.number,

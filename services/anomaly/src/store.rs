@@ -6,15 +6,15 @@
 
 use crate::outbox::Outbox;
 use crate::watch::Watch;
+use process::file::{is_unfit, read_bounded};
 use protocol::event::EventChange;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Largest file that is read: 4 Mi cells with all contexts and classes are below 2 GiB, a file beyond
-/// is not ours.
-const FILE_BYTES_MAX: u64 = 2 << 30;
+/// Largest outbox that is read: 16 Ki changes that wait, of at most 4 kB, four times over.
+const OUTBOX_BYTES_MAX: u64 = 256 << 20;
 
 /// Where an area keeps what it learnt.
 #[must_use]
@@ -41,7 +41,7 @@ pub fn save_normal(state_dir: &Path, area: &str, watch: &mut Watch) -> io::Resul
 /// cannot be used and was kept aside.
 ///
 /// # Errors
-/// If the file is there and cannot be read or renamed.
+/// If the file is there and cannot be read or renamed; the error names it.
 pub fn load_normal(
     state_dir: &Path,
     area: &str,
@@ -49,8 +49,14 @@ pub fn load_normal(
     stamp_ns: u64,
 ) -> io::Result<Option<String>> {
     let path = normal_path(state_dir, area);
-    let Some(bytes) = read(&path)? else { return Ok(None) };
-    let Err(error) = watch.restore(&bytes) else { return Ok(None) };
+    let error = match read(&path, watch.snapshot_bytes_max())? {
+        Found::Nothing => return Ok(None),
+        Found::Bytes(bytes) => match watch.restore(&bytes) {
+            Ok(()) => return Ok(None),
+            Err(error) => error.to_string(),
+        },
+        Found::Unfit(reason) => reason,
+    };
     let aside = set_aside(&path, stamp_ns)?;
     Ok(Some(format!(
         "{}: {error}. It is kept as {}; area `{area}` learns anew.",
@@ -59,26 +65,37 @@ pub fn load_normal(
     )))
 }
 
-/// All bytes of a file, or `None` if there is none.
-fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
-    let mut file = match File::open(path) {
-        Ok(file) => file,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(error),
-    };
-    let found = file.metadata()?.len();
-    if found > FILE_BYTES_MAX {
-        let text = format!("{} has {found} bytes, at most {FILE_BYTES_MAX}", path.display());
-        return Err(io::Error::new(io::ErrorKind::InvalidData, text));
+/// What lies at a path.
+enum Found {
+    Nothing,
+    Bytes(Vec<u8>),
+    /// No regular file, or a longer one than it can be: why.
+    Unfit(String),
+}
+
+fn read(path: &Path, bytes_max: u64) -> io::Result<Found> {
+    match read_bounded(path, bytes_max) {
+        Ok(bytes) => Ok(Found::Bytes(bytes)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Found::Nothing),
+        Err(error) if is_unfit(&error) => Ok(Found::Unfit(error.to_string())),
+        Err(error) => Err(named("read", path)(error)),
     }
-    let mut bytes = Vec::with_capacity(found as usize);
-    file.read_to_end(&mut bytes)?;
-    Ok(Some(bytes))
+}
+
+/// An error that says what could not be done with which file.
+fn named(action: &'static str, path: &Path) -> impl Fn(io::Error) -> io::Error {
+    move |error| {
+        let text = format!(
+            "cannot {action} {}: {error}: give this user the right to, or move it away",
+            path.display()
+        );
+        io::Error::new(error.kind(), text)
+    }
 }
 
 fn set_aside(path: &Path, stamp_ns: u64) -> io::Result<PathBuf> {
     let aside = beside(path, &format!(".damaged-{stamp_ns}"));
-    fs::rename(path, &aside)?;
+    fs::rename(path, &aside).map_err(named("rename", path))?;
     Ok(aside)
 }
 
@@ -94,7 +111,8 @@ fn write_atomic(path: &Path, bytes: &[u8]) -> io::Result<()> {
         fs::create_dir_all(parent)?;
     }
     let new = beside(path, ".new");
-    let written = File::create(&new).and_then(|mut file| {
+    let _ = fs::remove_file(&new); // of a run that was killed; never written through, nor waited for
+    let written = File::create_new(&new).and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_data()
     });
@@ -130,20 +148,32 @@ impl OutboxFile {
     /// If the file can neither be read nor created.
     pub fn open(state_dir: &Path, area: &str, stamp_ns: u64) -> io::Result<(Self, Option<String>)> {
         let path = outbox_path(state_dir, area);
-        let bytes = read(&path)?.unwrap_or_default();
-        let loaded = Outbox::load(area, &bytes);
         let mut words = None;
+        let bytes = match read(&path, OUTBOX_BYTES_MAX)? {
+            Found::Nothing => Vec::new(),
+            Found::Bytes(bytes) => bytes,
+            Found::Unfit(reason) => {
+                let (aside, path) = (set_aside(&path, stamp_ns)?, path.display());
+                words = Some(format!(
+                    "{path}: {reason}. It is kept as {}, and a new outbox is begun.",
+                    aside.display()
+                ));
+                Vec::new()
+            }
+        };
+        let loaded = Outbox::load(area, &bytes);
         if let Some(notice) = loaded.notice {
             let aside = beside(&path, &format!(".damaged-{stamp_ns}"));
-            fs::copy(&path, &aside)?;
+            fs::copy(&path, &aside).map_err(named("copy", &path))?;
             words = Some(format!(
                 "{}: {notice}. The whole file is kept as {}.",
                 path.display(),
                 aside.display()
             ));
         }
-        let mut file =
-            OpenOptions::new().create(true).truncate(false).write(true).read(true).open(&path)?;
+        let mut options = OpenOptions::new();
+        options.create(true).truncate(false).write(true).read(true);
+        let mut file = options.open(&path).map_err(named("open", &path))?;
         if loaded.good_bytes < bytes.len() {
             file.set_len(loaded.good_bytes as u64)?;
             file.sync_data()?;
@@ -356,6 +386,43 @@ mod tests {
         let waiting: Vec<u64> =
             file.outbox().unacknowledged().map(|change| change.sequence).collect();
         assert_eq!(waiting, [1, 2, 3]);
+    }
+
+    #[test]
+    fn what_is_no_file_of_ours_is_kept_aside_and_never_read_without_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut watch = Watch::new(&area(20, 10), &[laser("front", 1.0, 0.0)]);
+        let (normal, outbox) = (normal_path(dir.path(), "hall"), outbox_path(dir.path(), "hall"));
+        for path in [&normal, &outbox] {
+            std::os::unix::fs::symlink("/dev/zero", path).unwrap();
+        }
+        let words = load_normal(dir.path(), "hall", &mut watch, 1).unwrap().unwrap();
+        assert!(words.contains("a device") && words.contains("hall.normal.damaged-1"), "{words}");
+        let (_, words) = OutboxFile::open(dir.path(), "hall", 1).unwrap();
+        let words = words.unwrap();
+        assert!(words.contains("a device") && words.contains("hall.outbox.damaged-1"), "{words}");
+        fs::remove_file(&outbox).unwrap();
+        for path in [&normal, &outbox] {
+            fs::create_dir(path).unwrap();
+        }
+        let words = load_normal(dir.path(), "hall", &mut watch, 2).unwrap().unwrap();
+        assert!(words.contains("a directory, expected a regular file"), "{words}");
+        let (mut file, words) = OutboxFile::open(dir.path(), "hall", 2).unwrap();
+        assert!(words.unwrap().contains("hall.outbox.damaged-2"));
+        file.append(&[change(1)]).unwrap();
+        File::create_new(&normal).unwrap().set_len(4 << 30).unwrap();
+        let words = load_normal(dir.path(), "hall", &mut watch, 3).unwrap().unwrap();
+        assert!(words.contains("it has 4294967296 bytes, expected at most"), "{words}");
+    }
+
+    #[test]
+    fn the_fullest_model_is_within_its_bound() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut watch = Watch::new(&area(20, 10), &[laser("front", 1.0, 0.0)]);
+        save_normal(dir.path(), "hall", &mut watch).unwrap();
+        let found = fs::metadata(normal_path(dir.path(), "hall")).unwrap().len();
+        // A count is one byte here and five at most.
+        assert!(5 * found <= watch.snapshot_bytes_max(), "{found}");
     }
 
     #[test]

@@ -111,6 +111,8 @@ pub struct Watch {
     pub(crate) silent: Vec<Debounced>,
     pub(crate) absent_frames: Vec<u64>,
     pub(crate) coverage: Debounced,
+    /// What the event of lost coverage says.
+    pub(crate) coverage_text: String,
     /// First evidence of open faults by number, for their last words.
     pub(crate) fault_first_ns: Vec<(u64, u64)>,
     pub(crate) first_ns: Option<u64>,
@@ -171,6 +173,7 @@ impl Watch {
             silent: vec![Debounced::default(); lasers.len()],
             absent_frames: vec![0; lasers.len()],
             coverage: Debounced::default(),
+            coverage_text: String::new(),
             fault_first_ns: Vec::new(),
             first_ns: None,
             last: None,
@@ -218,6 +221,7 @@ impl Watch {
                 }
                 EventKind::CoverageLost => {
                     self.coverage = Debounced::restored(number);
+                    self.coverage_text.clone_from(&change.text);
                     self.fault_first_ns.push((number, change.first_evidence_ns));
                 }
                 EventKind::DoorHeldOpen => self.doors_pending.push((number, change.clone())),

@@ -5,8 +5,9 @@
 //! site's time zone.
 
 use crate::life::Happening;
+use crate::role::Role;
 use crate::sense::Sense;
-use protocol::event::EventKind;
+use protocol::event::{EventKind, EventState};
 
 /// What the words need to know of the calibration.
 #[derive(Debug, Clone, Copy)]
@@ -45,74 +46,150 @@ fn number(value: f64) -> String {
     if value.fract() == 0.0 { format!("{value:.0}") } else { format!("{value:.1}") }
 }
 
-/// What a raised or updated happening says.
+/// What a raised or updated happening says. Classes and statistics come last, in parentheses, and
+/// once: when it is raised.
 pub(crate) fn happening(
     happening: &Happening,
+    state: EventState,
     sense: &Sense,
     place: &str,
     stamp_ns: u64,
     certainty: Certainty,
 ) -> String {
     let age_s = stamp_ns.saturating_sub(happening.first_ns) as f64 * 1e-9;
-    let what = plainly(happening.kind, happening.people as usize);
-    let mut text = format!("{what}: {place}, for {}.", duration(age_s.max(1.0)));
-    if let Some(region) = &happening.region {
+    let seen = happening.region.as_ref().map(|region| {
+        let most = region.slots.iter().enumerate().rev().max_by_key(|(_, cells)| **cells);
+        most.map_or(0, |(slot, _)| slot as u8)
+    });
+    let told = Told {
+        kind: happening.kind,
+        now: happening.kind_now(stamp_ns),
+        seen: seen.map(|slot| sense.roles.role(slot)),
+        people: happening.people,
+    };
+    let mut text = format!("{}: {place}, for {}.", told.plainly(), duration(age_s.max(1.0)));
+    let mut classes = String::new();
+    if let (Some(region), Some(slot)) = (&happening.region, seen) {
         let cell_m2 = sense.grid.cell_m * sense.grid.cell_m;
-        let (slot, _) = region.slots.iter().enumerate().fold((0, 0), |best, (slot, count)| {
-            if *count > best.1 { (slot, *count) } else { best }
-        });
-        text += &format!(
-            " {} reads `{}`; ",
-            size(f64::from(region.cells) * cell_m2),
-            sense.roles.name(slot as u8)
-        );
-        text += &normal_here(sense, region.peak as usize);
+        let size = size(f64::from(region.cells) * cell_m2);
+        let peak = region.peak as usize;
+        text += &format!(" {size}: {}; {}", reading(sense.roles.role(slot)), normally(sense, peak));
+        classes = format!("class {}", sense.roles.name(slot));
+        if let Some((usual, _)) = sense.normal.usual(peak) {
+            classes += &format!(", usually {}", sense.roles.name(usual));
+        }
     }
-    text + &format!(
-        " Score {:.1}, {:.1} times the level that normal life passes at most {} times a week{}.",
-        happening.score,
-        happening.ratio(),
-        number(certainty.budget_per_week),
-        basis(certainty),
-    )
+    text + &statistics(state, &classes, happening.score, happening.ratio(), certainty)
 }
 
-fn normal_here(sense: &Sense, cell: usize) -> String {
+fn normally(sense: &Sense, cell: usize) -> String {
     let Some((slot, share)) = sense.normal.usual(cell) else {
         return "this place was never seen before.".to_owned();
     };
     let (_, known) = sense.normal.frames(cell, slot);
     format!(
-        "here {} % of {} is `{}`.",
+        "normally (in {} % of {}) {}.",
         // 100 % would claim more than a count that has met an exception can.
         number((share * 1000.0).floor() / 10.0),
         duration(known * sense.period_s()),
-        sense.roles.name(slot)
+        usually(sense.roles.role(slot)),
     )
 }
 
-/// What happens, as one person tells it to another.
-fn plainly(kind: EventKind, people: usize) -> String {
-    let words = match kind {
-        EventKind::UnusualActivity => "Somebody is where people do not go",
-        EventKind::Loitering => "Somebody stays where people do not stay",
-        EventKind::ObjectLeft => {
-            "Something stands still where nothing stood, an object or somebody who keeps still"
-        }
-        EventKind::ObjectMissing => "What always stood here is gone or was moved",
-        EventKind::DoorHeldOpen => "A door is held open",
-        EventKind::Crowd => return format!("Far more people than usual, about {people}"),
-        fault => fault.words(),
-    };
-    words.to_owned()
+/// What a class says of a place now.
+fn reading(role: Role) -> &'static str {
+    match role {
+        Role::Empty => "nothing is there",
+        Role::Transit => "something passes by",
+        Role::Passing => "something came there a moment ago",
+        Role::Lingering => "something stands there since a short time",
+        Role::Vacated => "what stood there for long is not there now",
+        Role::Fixed => "something stands there and does not move",
+        Role::Unknown => "nothing is observed",
+    }
 }
 
-fn basis(certainty: Certainty) -> String {
-    let calibrated = duration(certainty.calibrated_s);
-    if certainty.extrapolated {
-        format!(" (extrapolated: {calibrated} of calibration are too short to prove it)")
-    } else {
-        format!(" (proven by {calibrated} of calibration)")
+/// What a class says of a place all the time.
+fn usually(role: Role) -> &'static str {
+    match role {
+        Role::Empty => "nothing is there",
+        Role::Transit | Role::Passing => "somebody passes there",
+        Role::Lingering => "somebody stays there for a short time",
+        Role::Vacated => "something has just gone from there",
+        Role::Fixed => "a wall or a thing stands there",
+        Role::Unknown => "it is not observed",
+    }
+}
+
+/// How sure we are. A score below the level is no reason: it is why an event is not over yet.
+fn statistics(
+    state: EventState,
+    classes: &str,
+    score: f64,
+    ratio: f64,
+    certainty: Certainty,
+) -> String {
+    let mut parts: Vec<String> = Vec::new();
+    if ratio >= 1.0 {
+        parts.push(format!("score {score:.1}, {ratio:.1} times the level"));
+    }
+    if state == EventState::Raised {
+        if !classes.is_empty() {
+            parts.push(classes.to_owned());
+        }
+        parts.push(format!(
+            "normal life passes the level at most {} times a week, {} {} of calibration",
+            number(certainty.budget_per_week),
+            if certainty.extrapolated { "extrapolated from" } else { "proven by" },
+            duration(certainty.calibrated_s)
+        ));
+    }
+    if parts.is_empty() { String::new() } else { format!(" ({})", parts.join("; ")) }
+}
+
+/// What the first sentence is made of.
+#[derive(Debug, Clone, Copy)]
+struct Told {
+    /// The kind of the event: it only gives way to a more telling one.
+    kind: EventKind,
+    /// What the classes alone say at this moment.
+    now: EventKind,
+    /// The class of most of what is seen; none right after a restart.
+    seen: Option<Role>,
+    people: u32,
+}
+
+impl Told {
+    /// What happens, as one person tells it to another: what was and is over is told as that.
+    fn plainly(self) -> String {
+        let gone = self.seen.is_some_and(Role::is_absent);
+        let words = match self.kind {
+            EventKind::UnusualActivity if gone => "Somebody was where people do not go",
+            EventKind::UnusualActivity => "Somebody is where people do not go",
+            EventKind::Loitering if gone => {
+                "Somebody stayed where people do not stay, and has left that place"
+            }
+            EventKind::Loitering if self.moves() => {
+                "Somebody who stayed where people do not stay is moving now"
+            }
+            EventKind::Loitering => "Somebody stays where people do not stay",
+            EventKind::ObjectLeft if gone => "What stood still where nothing stood is gone",
+            EventKind::ObjectLeft => {
+                "Something stands still where nothing stood, an object or somebody who keeps still"
+            }
+            EventKind::ObjectMissing => "What always stood here is gone or was moved",
+            EventKind::DoorHeldOpen => "A door is held open",
+            EventKind::Crowd if self.now != EventKind::Crowd => "A crowd was here and disperses",
+            EventKind::Crowd => {
+                return format!("Far more people than usual, about {}", self.people);
+            }
+            fault => fault.words(),
+        };
+        words.to_owned()
+    }
+
+    fn moves(self) -> bool {
+        matches!(self.seen, Some(Role::Passing | Role::Transit))
     }
 }
 
@@ -144,5 +221,36 @@ mod tests {
         let said: Vec<String> =
             [3.2, 119.0, 600.0, 9000.0, 147_600.0].into_iter().map(duration).collect();
         assert_eq!(said, ["3 s", "119 s", "10 min", "2.5 h", "41 h"]);
+    }
+
+    #[test]
+    fn what_is_over_is_not_told_as_if_it_went_on() {
+        let told = |kind, now, seen| Told { kind, now, seen: Some(seen), people: 2 }.plainly();
+        use EventKind::{Crowd, Loitering, ObjectLeft, UnusualActivity};
+        let stays = told(Loitering, Loitering, Role::Lingering);
+        assert_eq!(stays, "Somebody stays where people do not stay");
+        let left = told(Loitering, Loitering, Role::Vacated);
+        assert_eq!(left, "Somebody stayed where people do not stay, and has left that place");
+        let walks = told(Loitering, Loitering, Role::Transit);
+        assert_eq!(walks, "Somebody who stayed where people do not stay is moving now");
+        let taken = told(ObjectLeft, UnusualActivity, Role::Empty);
+        assert_eq!(taken, "What stood still where nothing stood is gone");
+        assert_eq!(told(Crowd, Crowd, Role::Lingering), "Far more people than usual, about 2");
+        assert_eq!(told(Crowd, Loitering, Role::Lingering), "A crowd was here and disperses");
+    }
+
+    #[test]
+    fn a_score_below_the_level_is_no_reason_and_the_budget_is_told_once() {
+        let certainty =
+            Certainty { budget_per_week: 20.0, extrapolated: true, calibrated_s: 3600.0 };
+        let said =
+            |state, ratio| statistics(state, "class transit, usually empty", 8.0, ratio, certainty);
+        assert_eq!(
+            said(EventState::Raised, 1.2),
+            " (score 8.0, 1.2 times the level; class transit, usually empty; normal life passes the \
+             level at most 20 times a week, extrapolated from 60 min of calibration)"
+        );
+        assert_eq!(said(EventState::Updated, 1.2), " (score 8.0, 1.2 times the level)");
+        assert_eq!(said(EventState::Updated, 0.9), "");
     }
 }

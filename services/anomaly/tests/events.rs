@@ -113,7 +113,8 @@ fn a_walker_off_the_paths_is_told_within_seconds_at_the_right_place() {
         "{}",
         change.text
     );
-    assert!(change.text.contains("reads `transit`") && change.text.contains("`empty`"));
+    assert!(change.text.contains("something passes by; normally (in "), "{}", change.text);
+    assert!(change.text.contains("class transit, usually empty"), "{}", change.text);
     assert!(change.extrapolated && change.text.contains("extrapolated"), "{}", change.text);
     assert!(change.score >= change.threshold);
 }

@@ -121,6 +121,7 @@ fn silence_is_told_once_and_ends_when_maps_come_again() {
     watch.feed_silent(stamp_ns, 10.0, &mut told);
     watch.feed_silent(stamp_ns, 20.0, &mut told);
     assert_eq!(told.len(), 1);
+    assert_eq!(watch.lost_coverage().as_ref(), Some(&told[0].text), "a fault of the health, too");
     assert!(told[0].text.contains("no class map of area `foyer` for 10 s"), "{}", told[0].text);
     assert_eq!(told[0].first_evidence_ns, number * 100_000_000);
     number += 200;
@@ -128,6 +129,7 @@ fn silence_is_told_once_and_ends_when_maps_come_again() {
     let ends: Vec<(&str, EventState)> =
         after.iter().map(|change| (change.id.as_str(), change.state)).collect();
     assert_eq!(ends, [(told[0].id.as_str(), EventState::Cleared)]);
+    assert_eq!(watch.lost_coverage(), None);
 }
 
 /// A step of the fuzzed feed: gap, lasers, context, cells to set, to which class.

@@ -56,8 +56,8 @@ pub fn load_scene(name_or_path: &str, base_dir: &Path) -> Result<Scene, SourceEr
     }
     let path = base_dir.join(name_or_path);
     let mut text = String::new();
-    let read = std::fs::File::open(&path)
-        .and_then(|file| file.take(SCENE_BYTES_MAX as u64 + 1).read_to_string(&mut text));
+    let read = process::file::open_regular(&path)
+        .and_then(|(file, _)| file.take(SCENE_BYTES_MAX as u64 + 1).read_to_string(&mut text));
     match read {
         Ok(_) => Ok(Scene::parse(&text, &path.display().to_string())?),
         // A word without a dot was meant to be a name: the message lists the names.

@@ -47,6 +47,9 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let mut mapper = Mapper::open(worker)?;
     let path = checkpoint_path(&worker.instance.state_dir, &mapper.area.id);
     mapper.restore(&path, &mut worker.health)?;
+    // As a checkpoint that failed: the first that is written clears it.
+    let shortage = process::state_lock::shortage(&worker.instance.state_dir);
+    worker.health.set_fault("checkpoint_failed", shortage);
     let mut writer = Writer::start(path)?;
     let period_ns = (mapper.area.checkpoint_s * SECOND_NS as f64) as u64;
     let mut due_mono_ns = monotonic_ns() + period_ns;
@@ -102,7 +105,11 @@ impl Mapper {
 
     /// Goes on from the checkpoint, or says why not and keeps it aside.
     fn restore(&mut self, path: &Path, health: &mut HealthReporter) -> Result<(), Failure> {
-        let read = checkpoint::read(path, &self.core.describe());
+        let read = checkpoint::read(
+            path,
+            &self.core.describe(),
+            checkpoint::body_bytes_max(self.core.grid().config()),
+        );
         let problem = match read {
             Ok(None) => return Ok(()),
             Ok(Some(checkpoint)) => match self.core.restore(&checkpoint) {

@@ -11,11 +11,12 @@ use crate::descriptors;
 use crate::event_loop::EventLoop;
 use crate::instance::{Instance, InstanceError, RUN_DIR_BYTES_MAX, make_private_dir};
 use crate::leftovers::{SHARED_MEMORY_DIR, kill_recorded, record_children, shared_memory_of, wipe};
+use crate::logging;
 use crate::name_lock::{NameLock, NameTaken};
 use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
 use crate::ports::BusError;
-use crate::state_lock::{StateLock, StateTaken};
+use crate::state_lock::{StateError, StateLock};
 use iceoryx2::prelude::{Node, ipc};
 use protocol::site::{Pace, Site, Source};
 use rustix::fs::{FlockOperation, flock};
@@ -69,7 +70,7 @@ pub enum OwnerError {
     },
     /// Another site, or `tog learn`, writes the state directory.
     #[error(transparent)]
-    StateTaken(#[from] StateTaken),
+    State(#[from] StateError),
     /// The run directory.
     #[error(transparent)]
     Instance(#[from] InstanceError),
@@ -114,6 +115,7 @@ impl Owner {
     /// # Errors
     /// If another owner lives, memory is too small, or a file or service cannot be made.
     pub fn start(site: &Site, options: &OwnerOptions) -> Result<Self, OwnerError> {
+        logging::speak(); // the owner before may have lost its files
         let plan = Plan::new(site, options.host.as_deref());
         let lossless = is_lossless(site);
         let topics = all_topics(&plan, lossless);
@@ -205,6 +207,14 @@ impl Owner {
     #[must_use]
     pub fn first_missing(&self) -> Option<&Path> {
         self.made.iter().find(|path| !path.exists()).map(PathBuf::as_path)
+    }
+
+    /// See [`StateLock::look`].
+    ///
+    /// # Errors
+    /// If somebody else writes the state directory now.
+    pub fn look_at_state(&mut self) -> Result<Option<String>, StateError> {
+        self.state_lock.as_mut().map_or(Ok(None), StateLock::look)
     }
 
     /// What workers are handed.

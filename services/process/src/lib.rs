@@ -55,6 +55,7 @@
 //! | [`plan`], [`role`] | pure: topics and processes of a site |
 //! | [`instance`], [`domain`] | the run directory, and who owns it |
 //! | `name_lock`, [`state_lock`] | one owner an instance, one writer a state directory |
+//! | [`file`] | reading what nobody vouches for |
 //! | [`clock`], [`latency`], [`health`], [`logging`] | time, how we are, what we say |
 
 pub mod bus;
@@ -64,6 +65,7 @@ pub mod descriptors;
 pub mod domain;
 mod doorbell;
 pub mod event_loop;
+pub mod file;
 pub mod health;
 pub mod instance;
 pub mod latency;

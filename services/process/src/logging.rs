@@ -32,6 +32,17 @@ pub fn start() {
     };
 }
 
+/// From here on iceoryx2 speaks of errors only: when somebody has removed its files, it would say so
+/// of each, and we have said it once. The next [`crate::domain::Owner`] ends it.
+pub fn hush() {
+    set_log_level(LogLevel::Error);
+}
+
+/// iceoryx2 speaks from `warn` on again.
+pub(crate) fn speak() {
+    set_log_level(LogLevel::Warn);
+}
+
 /// Environment variable that tells a worker that its lines are put into a common log.
 pub const SUPERVISED: &str = "TOG_SUPERVISED";
 

@@ -99,6 +99,9 @@ impl Worker {
         self.health.beat();
         let beat = self.health.due_mono_ns();
         let mut wake = self.events.wait(Some(deadline_mono_ns.map_or(beat, |d| d.min(beat))))?;
+        if wake.stop && !self.instance.iceoryx_config().exists() {
+            logging::hush(); // the supervisor says that it is gone
+        }
         wake.deadline = deadline_mono_ns.is_some_and(|deadline| deadline <= monotonic_ns());
         self.health.set_count("wakes", self.events.wakes());
         Ok(wake)

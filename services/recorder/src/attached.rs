@@ -66,6 +66,20 @@ pub enum AttachError {
         /// The bag.
         out: PathBuf,
     },
+    /// Somebody deleted the bag, or moved it away.
+    #[error("{problem}; what came after that is in {}", out.display())]
+    Lost {
+        /// What is lost.
+        problem: String,
+        /// The bag that was begun anew.
+        out: PathBuf,
+    },
+    /// The same, and nothing came after that.
+    #[error("{problem}")]
+    AllLost {
+        /// What is lost.
+        problem: String,
+    },
     /// The system.
     #[error(transparent)]
     Io(#[from] io::Error),
@@ -99,7 +113,11 @@ pub fn record_attached(
     };
     let disk = |problem: &str| {
         let (problem, out) = (problem.to_owned(), options.out.clone());
-        AttachError::Disk { problem, out }
+        if out.exists() {
+            AttachError::Disk { problem, out }
+        } else {
+            AttachError::AllLost { problem }
+        }
     };
     let mut told = begin;
     loop {
@@ -122,8 +140,18 @@ pub fn record_attached(
         }
     }
     recorder.finish()?;
-    match recorder.tape().problem() {
-        Some(problem) => Err(disk(problem)),
-        None => Ok(report(&recorder)),
+    let tape = recorder.tape();
+    match (tape.unwritable().or(tape.unshelved()), tape.lost()) {
+        (Some(problem), _) => Err(disk(problem)),
+        (None, None) => Ok(report(&recorder)),
+        (None, Some(problem)) => {
+            let (problem, out) = (problem.to_owned(), options.out.clone());
+            let has_more = tape.counts().messages_written > 0 && out.exists();
+            Err(if has_more {
+                AttachError::Lost { problem, out }
+            } else {
+                AttachError::AllLost { problem }
+            })
+        }
     }
 }

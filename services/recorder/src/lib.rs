@@ -28,7 +28,9 @@
 //!   at most.
 //! - A file with its final name is complete and on the disk. What a killed recorder left is
 //!   recovered by the next one, in a thread beside the recording, and read back before the remains
-//!   are deleted.
+//!   are deleted; where parts were damaged the remains are kept as `.damaged`.
+//! - A file that is deleted or moved away while it is written is missed within a second, told, and
+//!   followed by a new one.
 //! - Every file stands alone: it begins with the last message of every latched topic.
 //! - A full disk stops nothing but the recording: it is counted, told in health, and a new file
 //!   begins when there is room.

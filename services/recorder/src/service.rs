@@ -111,6 +111,7 @@ fn tell(recorder: &Recorder, health: &mut HealthReporter) {
     }
     let tape_faults = [
         ("recording_unwritable", recorder.tape().unwritable(), "tried again every 5 s"),
+        ("recording_lost", recorder.tape().lost(), "a new file was begun"),
         ("recording_unfinished", recorder.tape().unshelved(), "tried again with the next file"),
         ("message_refused", recorder.first_refusal(), "all are counted in messages_refused"),
     ];

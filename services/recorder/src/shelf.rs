@@ -1,13 +1,15 @@
 //! Everything that waits for a disk, in a thread of its own: files get their names, remains of
 //! killed recorders are recovered, old files go.
 //!
+//! Where parts were damaged the original is kept beside what was saved, as `<n>.mcap.damaged`.
+//!
 //! Only files are touched whose names say that a recorder of this site made them:
 //! `<dir>/<site>_<begin>/<site>_<begin>_<n>.mcap[.active]`. One that is locked is being written by
 //! somebody, and is left alone.
 
 use process::wall_ns;
 use recording::{
-    BagDirectory, Kept, RecordedFile, RecordingError, WrittenFile, recover, to_remove,
+    BagDirectory, Kept, RecordedFile, RecordingError, Recovered, WrittenFile, recover, to_remove,
 };
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -176,6 +178,9 @@ impl Keeper {
             };
             if recovered.was_complete {
                 fs::rename(active, &complete).map_err(io("rename"))?;
+            } else if recovered.damaged > 0 {
+                // Somebody may get more out of it than we do.
+                fs::rename(active, damaged_path(&complete)).map_err(io("rename"))?;
             } else {
                 // The new file was read back and is on the disk.
                 fs::remove_file(active).map_err(io("delete"))?;
@@ -187,12 +192,7 @@ impl Keeper {
         match recovered {
             Ok(recovered) => {
                 let messages = recovered.facts.messages;
-                tracing::info!(
-                    "recovered {} messages of {}; {} bytes behind its last whole second are lost",
-                    messages,
-                    complete.display(),
-                    recovered.bytes_lost
-                );
+                tell_recovered(&complete, &recovered);
                 self.tell(Outcome::Recovered { messages });
             }
             Err(error) => self.failed("a recording of a killed recorder is not recovered", &error),
@@ -224,6 +224,32 @@ impl Keeper {
             }
         }
     }
+}
+
+/// What a recording is called of which parts were left out, beside what was saved of it.
+fn damaged_path(complete: &Path) -> PathBuf {
+    let mut path = complete.to_owned().into_os_string();
+    path.push(".damaged");
+    PathBuf::from(path)
+}
+
+fn tell_recovered(complete: &Path, recovered: &Recovered) {
+    let (name, messages) = (complete.display(), recovered.facts.messages);
+    let lost = recovered.bytes_lost;
+    let Some(first) = &recovered.first_damage else {
+        return tracing::info!(
+            "recovered {messages} messages of {name}; {lost} bytes behind its last whole second are \
+             lost"
+        );
+    };
+    tracing::warn!(
+        "recovered {messages} messages of {name}; {} damaged parts ({} bytes) were left out, the \
+         first {first}; {lost} bytes behind its last whole second are lost; the original is kept as \
+         {}",
+        recovered.damaged,
+        recovered.bytes_damaged,
+        damaged_path(complete).display()
+    );
 }
 
 fn is_locked(path: &Path) -> bool {

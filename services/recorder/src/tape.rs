@@ -2,12 +2,13 @@
 //!
 //! Time is an argument: `mono_ns` is CLOCK_MONOTONIC, `now_ns` the host's time of the day. A
 //! failed write is the end of its file, never of the tape: the messages are counted as dropped,
-//! and a new file is tried every [`RETRY_NS`].
+//! and a new file is tried every [`RETRY_NS`]. A file that somebody deletes or moves away while it is
+//! written is missed within a second: a new one begins at once.
 
 use crate::attach::{Attachment, SESSION};
 use crate::shelf::{Order, Outcome, Shelf};
 use protocol::time::SECOND_NS;
-use recording::{BagDirectory, McapWriter, RecordingError, TopicSpec};
+use recording::{BagDirectory, McapWriter, Place, RecordingError, TopicSpec};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -90,6 +91,7 @@ pub struct Tape {
     retry_mono_ns: Option<u64>,
     latched: BTreeMap<usize, (u64, Vec<u8>)>,
     unwritable: Option<String>,
+    lost: Option<String>,
     unshelved: Option<String>,
     closed_bytes: u64,
     counts: TapeCounts,
@@ -108,6 +110,7 @@ impl Tape {
             retry_mono_ns: None,
             latched: BTreeMap::new(),
             unwritable: None,
+            lost: None,
             unshelved: None,
             closed_bytes: 0,
             counts: TapeCounts::default(),
@@ -131,6 +134,12 @@ impl Tape {
     #[must_use]
     pub fn unwritable(&self) -> Option<&str> {
         self.unwritable.as_deref()
+    }
+
+    /// What somebody deleted or moved away while it was recorded, if anybody did: the last of it.
+    #[must_use]
+    pub fn lost(&self) -> Option<&str> {
+        self.lost.as_deref()
     }
 
     /// What could not be put on the disk, recovered or deleted, if anything could not.
@@ -199,7 +208,11 @@ impl Tape {
                 return self.fail(&error, mono_ns);
             }
             open.unflushed = 0;
+            if self.note_place() {
+                return self.begin(now_ns, mono_ns);
+            }
         }
+        let Some(open) = &self.open else { return };
         let is_long = open.writer.bytes() >= self.limits.split_bytes
             || mono_ns.saturating_sub(open.since_mono_ns) >= self.limits.split_ns;
         if is_long && open.writer.facts().messages > open.head_messages {
@@ -232,8 +245,8 @@ impl Tape {
     }
 
     fn begin_file(&self, now_ns: u64) -> Result<McapWriter, RecordingError> {
+        enough_room(&self.directory)?;
         let bag = BagDirectory::open(&self.directory)?;
-        enough_room(bag.path())?;
         let mut writer = McapWriter::create(bag.next_path()?)?;
         for attachment in &self.head.attachments {
             let bytes = attachment.text.as_bytes();
@@ -249,8 +262,41 @@ impl Tape {
         Ok(writer)
     }
 
+    /// Gives the open file up if somebody deleted it or moved it away; true if so.
+    fn note_place(&mut self) -> bool {
+        let Some(open) = &self.open else { return false };
+        let messages = open.writer.facts().messages;
+        let name = recording::active_path(open.writer.path());
+        let name = name.display();
+        let text = match open.writer.place() {
+            Place::Kept => return false,
+            Place::Deleted => {
+                format!(
+                    "{name} was deleted while it was recorded: its {messages} messages are lost"
+                )
+            }
+            Place::Moved => format!(
+                "{name} was moved away while it was recorded: `tog bag recover` makes a complete \
+                 file of its {messages} messages"
+            ),
+        };
+        tracing::error!("{text}");
+        if open.writer.place() == Place::Deleted {
+            self.counts.messages_written -= messages;
+            self.counts.messages_dropped += messages;
+        }
+        if let Some(open) = self.open.take() {
+            self.closed_bytes += open.writer.bytes();
+        }
+        self.lost = Some(text);
+        true
+    }
+
     /// Closes the open file.
     fn close(&mut self, mono_ns: u64) {
+        if self.note_place() {
+            return;
+        }
         let Some(open) = self.open.take() else { return };
         let unflushed = open.unflushed;
         match open.writer.finish() {
@@ -304,15 +350,20 @@ impl Tape {
         self.counts()
     }
 
-    /// As [`Tape::unwritable`] or [`Tape::unshelved`], at the end.
+    /// As [`Tape::unwritable`], [`Tape::lost`] or [`Tape::unshelved`], at the end.
     #[must_use]
     pub fn problem(&self) -> Option<&str> {
-        self.unwritable().or_else(|| self.unshelved())
+        self.unwritable().or_else(|| self.lost()).or_else(|| self.unshelved())
     }
 }
 
 fn enough_room(directory: &Path) -> Result<(), RecordingError> {
-    let Ok(found) = rustix::fs::statvfs(directory) else { return Ok(()) };
+    // The directory itself is made when there is something to be put into it.
+    let found = directory.ancestors().find_map(|there| {
+        let there = if there.as_os_str().is_empty() { Path::new(".") } else { there };
+        rustix::fs::statvfs(there).ok()
+    });
+    let Some(found) = found else { return Ok(()) };
     let free = found.f_bavail.saturating_mul(found.f_frsize);
     if free >= ROOM_BYTES_MIN {
         return Ok(());

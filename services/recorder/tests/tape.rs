@@ -201,3 +201,73 @@ fn the_oldest_files_go_when_there_are_too_many_and_others_never() {
     assert_eq!(names(&old), [""; 0]);
     assert_eq!(fs::read_to_string(old.join("notes.txt")).unwrap(), "mine");
 }
+
+#[test]
+fn a_damaged_remain_is_kept_beside_what_was_saved_of_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let session = old_session(dir.path(), "t_2020", 0, false);
+    let orphan = active_path(&session.join("t_2020_0.mcap"));
+    let mut writer = McapWriter::create(session.join("t_2020_0.mcap")).unwrap();
+    let topic = writer.add_topic(&head().topics[SCAN]).unwrap();
+    for second in 0..5 {
+        writer.write(topic, START_NS, START_NS, &noise(second, 10_000)).unwrap();
+        writer.flush().unwrap();
+    }
+    drop(writer);
+    let mut bytes = fs::read(&orphan).unwrap();
+    bytes[2000..2064].fill(0); // in the first chunk
+    fs::write(&orphan, &bytes).unwrap();
+    let mut shelf = Shelf::start(Some(scope(dir.path(), None))).unwrap();
+    shelf.finish();
+    assert_eq!(file_facts(&session.join("t_2020_0.mcap")).unwrap().messages, 4);
+    assert_eq!(fs::read(session.join("t_2020_0.mcap.damaged")).unwrap(), bytes);
+    assert!(!orphan.exists());
+}
+
+#[test]
+fn a_directory_that_is_deleted_while_it_is_recorded_is_missed_within_a_second() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut tape = tape(dir.path(), limits(1 << 30, 1000));
+    tape.write(SCAN, stamps(0), b"lost", 0);
+    fs::remove_dir_all(dir.path().join("t_2_s")).unwrap();
+    tape.tick(stamps(1).log_ns, SECOND_NS);
+    let text = tape.lost().unwrap().to_owned();
+    assert!(text.contains("was deleted") && text.contains("1 messages are lost"), "{text}");
+    tape.write(SCAN, stamps(2), b"kept", 2 * SECOND_NS);
+    let counts = tape.finish(3 * SECOND_NS);
+    let found = (counts.messages_written, counts.messages_dropped, counts.files);
+    assert_eq!(found, (1, 1, 2));
+    let bag = BagDirectory::open(&dir.path().join("t_2_s")).unwrap();
+    assert_eq!(counts_of(&bag), [(1, 0)]);
+}
+
+#[test]
+fn a_directory_that_is_deleted_or_moved_before_the_end_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut deleted = tape(dir.path(), limits(1 << 30, 1000));
+    deleted.write(SCAN, stamps(0), b"lost", 0);
+    fs::remove_dir_all(dir.path().join("t_2_s")).unwrap();
+    assert_eq!(deleted.finish(1).messages_written, 0);
+    assert!(deleted.problem().unwrap().contains("was deleted"), "{:?}", deleted.problem());
+
+    let mut moved = tape(dir.path(), limits(1 << 30, 1000));
+    moved.write(SCAN, stamps(0), b"moved", 0);
+    fs::rename(dir.path().join("t_2_s"), dir.path().join("away")).unwrap();
+    moved.tick(stamps(1).log_ns, SECOND_NS);
+    assert!(moved.problem().unwrap().contains("tog bag recover"), "{:?}", moved.problem());
+    moved.finish(2 * SECOND_NS);
+    let away = active_path(&dir.path().join("away/t_2_s_0.mcap"));
+    let recovered = recording::recover(&away, &dir.path().join("x.mcap"), |_, _| {}).unwrap();
+    assert_eq!(recovered.facts.messages, 1);
+}
+
+#[test]
+fn a_pipe_with_the_name_of_a_remain_is_left_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let session = old_session(dir.path(), "t_2020", 1, false);
+    let pipe = session.join("t_2020_5.mcap.active");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let mut shelf = Shelf::start(Some(scope(dir.path(), None))).unwrap();
+    shelf.finish(); // it would wait for a writer for ever
+    assert!(pipe.exists());
+}

@@ -74,7 +74,10 @@ impl BagDirectory {
         let names = self.numbered(&format!(".mcap{ACTIVE_SUFFIX}")).map_err(|source| {
             RecordingError::Io { path: self.path.clone(), action: "look into", source }
         })?;
-        Ok(names.into_iter().map(|(_, name)| self.path.join(name)).collect())
+        let paths = names.into_iter().map(|(_, name)| self.path.join(name));
+        // A pipe of such a name would be waited for.
+        let is_file = |path: &PathBuf| fs::symlink_metadata(path).is_ok_and(|m| m.is_file());
+        Ok(paths.filter(is_file).collect())
     }
 
     /// Takes note of a complete file, and writes the metadata.
@@ -82,7 +85,9 @@ impl BagDirectory {
     /// # Errors
     /// [`RecordingError::Io`].
     pub fn add(&mut self, facts: FileFacts) -> Result<(), RecordingError> {
-        self.files.retain(|file| file.name != facts.name);
+        // Somebody may have deleted files, or the whole directory, since they were noted.
+        let path = &self.path;
+        self.files.retain(|file| file.name != facts.name && path.join(&file.name).is_file());
         self.files.push(facts);
         let name = &self.name;
         self.files.sort_by_key(|file| number_of(&file.name, name, ".mcap"));

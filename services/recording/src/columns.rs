@@ -220,6 +220,16 @@ impl ColumnMap {
         self.text(row, name).map(|(text, _)| text)
     }
 
+    /// True if a field of a range is a number.
+    pub(crate) fn has_range(&self, row: &[&str]) -> bool {
+        let is_range = |index: usize| match self.columns.get(index) {
+            Some(column) => column.is_some_and(|(name, _)| name == Name::Range),
+            None => self.rest.is_some(),
+        };
+        let is_number = |text: &&str| real32(text.trim(), "a range").is_ok();
+        row.iter().enumerate().any(|(index, text)| is_range(index) && is_number(text))
+    }
+
     /// The ranges of a row, metres: an empty field is NaN, empty fields at the end are no ranges.
     pub(crate) fn ranges_m(&self, row: &[&str]) -> Result<Vec<f32>, String> {
         let mut ranges_m = Vec::new();

@@ -1,8 +1,10 @@
 //! A CSV of scans, one a row; its columns are declared (see [`ColumnMap`]).
 //!
 //! **Here:** a row ends with its line: quotes are read, a line break between quotes is not. Fields are
-//! parted by commas, semicolons or tabs, whichever the first line has most of. Lines before the
-//! first row whose time is a number are headings, lines that begin with `#` are comments.
+//! parted by commas, semicolons or tabs, whichever the first line has most of. One line without a
+//! number among its ranges may stand before the rows: titles. Lines that begin with `#` are
+//! comments, unless they have as many fields as a row, and numbers for ranges. Every other line is
+//! a row: a scan, or refused.
 
 use crate::columns::{ColumnMap, Name};
 use crate::laser_scan::{Decoded, LINE_BYTES_MAX};
@@ -23,7 +25,8 @@ pub(crate) struct Csv {
     text: Vec<u8>,
     ends: Vec<usize>,
     fields: usize,
-    in_headings: bool,
+    /// No line but comments was met.
+    may_be_titles: bool,
 }
 
 /// Comma, semicolon or tab: what the line has most of.
@@ -52,7 +55,7 @@ impl Csv {
             text: vec![0; LINE_BYTES_MAX],
             ends: vec![0; FIELDS_MAX],
             fields: 0,
-            in_headings: true,
+            may_be_titles: true,
         }
     }
 
@@ -62,9 +65,29 @@ impl Csv {
     /// A row with too many fields, or a quote that does not end.
     pub fn take(&mut self, line: &str) -> Result<Option<String>, String> {
         self.fields = 0;
-        if line.trim().is_empty() || line.starts_with('#') {
+        if line.trim().is_empty() {
             return Ok(None);
         }
+        if line.starts_with('#') {
+            let is_row = self.split(line).is_ok() && self.row().is_ok_and(|row| self.is_full(&row));
+            return Ok(is_row.then(|| LASER.to_owned()));
+        }
+        self.split(line)?;
+        let is_first = std::mem::take(&mut self.may_be_titles);
+        let row = self.row()?;
+        let has_time = matches!(self.map.time_ns(&row, Name::Time), Some(Ok(_)));
+        if is_first && !has_time && !self.map.has_range(&row) {
+            return Ok(None);
+        }
+        Ok(Some(self.map.word(&row, Name::Laser).unwrap_or(LASER).to_owned()))
+    }
+
+    /// True for as many fields as a row has, with a number for a range.
+    fn is_full(&self, row: &[&str]) -> bool {
+        row.len() >= self.map.columns().0 && self.map.has_range(row)
+    }
+
+    fn split(&mut self, line: &str) -> Result<(), String> {
         let mut bytes = line.trim_end_matches(['\r', '\n']).as_bytes().to_vec();
         bytes.push(b'\n');
         self.parser.reset();
@@ -77,13 +100,7 @@ impl Csv {
             }
             _ => return Err("a quote does not end on its line".to_owned()),
         }
-        let row = self.row()?;
-        if self.in_headings && !matches!(self.map.time_ns(&row, Name::Time), Some(Ok(_))) {
-            return Ok(None);
-        }
-        let laser = self.map.word(&row, Name::Laser).unwrap_or(LASER).to_owned();
-        self.in_headings = false;
-        Ok(Some(laser))
+        Ok(())
     }
 
     fn row(&self) -> Result<Vec<&str>, String> {

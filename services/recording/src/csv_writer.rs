@@ -6,6 +6,7 @@
 //! beams than others end with empty fields.
 
 use crate::error::RecordingError;
+use crate::mcap_writer::check_replaceable;
 use crate::recording::RecordedScan;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -29,6 +30,8 @@ impl CsvWriter {
         let mut active_path = path.clone().into_os_string();
         active_path.push(".active");
         let active_path = PathBuf::from(active_path);
+        check_replaceable(&path)?;
+        check_replaceable(&active_path)?;
         let create = || -> io::Result<BufWriter<File>> {
             let mut file = BufWriter::with_capacity(256 * 1024, File::create(&active_path)?);
             file.write_all(

@@ -45,6 +45,16 @@ pub enum RecordingError {
         /// What to do.
         advice: &'static str,
     },
+    /// Only MCAP is recovered.
+    #[error("{}: is {found}, expected an MCAP file that was cut: {advice}", path.display())]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        found: String,
+        /// What to do.
+        advice: &'static str,
+    },
     /// The file ends before its end: a copy that broke off, or a recorder that was killed.
     /// Everything before was delivered.
     #[error(

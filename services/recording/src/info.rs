@@ -302,7 +302,8 @@ impl RecordingInfo {
         let count = look.channels.scan_topics.len();
         look.topics.resize_with(count.max(look.topics.len()), Collected::default);
         let named = look.topics.into_iter().zip(&look.channels.scan_topics);
-        let topics: Vec<TopicInfo> = named.map(|(topic, name)| topic.info(name)).collect();
+        let mut topics: Vec<TopicInfo> = named.map(|(topic, name)| topic.info(name)).collect();
+        topics.sort_by(|a, b| a.topic.cmp(&b.topic));
         let spans = topics.iter().filter_map(|topic| topic.span_ns);
         let span_ns = spans.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
         let others = look.channels.others.into_iter();

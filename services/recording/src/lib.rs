@@ -43,7 +43,7 @@
 //! | `ros2` | the messages that we write: definitions, CDR |
 //! | `mcap_writer`, `writer`, `csv_writer` | one file while it is written: [`McapWriter`], [`ScanWriter`], [`CsvWriter`] |
 //! | `bag_directory`, `bag_metadata` | the files of a session, `metadata.yaml`; what is kept |
-//! | `recover`, `facts` | a file that was cut; what a complete one holds |
+//! | `recover`, `facts` | a file that was cut; what a complete one holds; `definitions`: of topics, outside chunks |
 //!
 //! Left out, each named when it is met with what to do: MRPT rawlogs, network captures (pcap, pcapng,
 //! JSON of Wireshark), ROS bags before 1.2, Player logs of other file versions, files packed with zstd,
@@ -60,6 +60,7 @@ mod csv;
 mod csv_writer;
 mod cursor;
 mod db3;
+mod definitions;
 mod error;
 mod extent;
 mod facts;
@@ -98,7 +99,7 @@ pub use format::Format;
 pub use index::{GAP_NS, RecordingIndex, TopicSummary};
 pub use info::{OtherTopic, RecordingInfo, Sample, TopicInfo};
 pub use mcap_writer::{
-    ACTIVE_SUFFIX, FileFacts, McapWriter, TopicFacts, TopicSpec, WrittenFile, active_path,
+    ACTIVE_SUFFIX, FileFacts, McapWriter, Place, TopicFacts, TopicSpec, WrittenFile, active_path,
 };
 pub use options::{Echo, ReadOptions};
 pub use recording::{RecordedScan, Recording, Scans};

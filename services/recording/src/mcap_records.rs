@@ -3,8 +3,11 @@
 //! For what needs more than the scans, front to back: recovery, and the index at the end. Chunks
 //! are unpacked by the crate `mcap`, and only after their checksum was found right.
 
+use crate::cursor::Cursor;
+use crate::definitions::{DEFINITIONS_OPCODE, definitions_length};
 use crate::mcap_file::{RECORD_BYTES_MAX, words};
 use crate::section::Section;
+use mcap::records::op;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::fs::File;
 use std::io::{self, Read};
@@ -12,6 +15,10 @@ use std::sync::Arc;
 
 /// Opcode and length.
 const HEAD_BYTES: u64 = 9;
+/// Head of a chunk, up to its records: its compression has four letters at most.
+const CHUNK_HEAD_BYTES_MAX: usize = 9 + 8 + 8 + 8 + 4 + 4 + 4 + 8;
+/// So much is looked through at once for the next chunk.
+const WINDOW_BYTES: usize = 256 * 1024;
 
 /// Where a record begins, what it is, and how long its body is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,6 +63,59 @@ pub(crate) fn place_at(file: &Arc<File>, offset: u64, length: u64) -> io::Result
         return Ok(Next::Cut);
     }
     Ok(Next::Record(Place { offset, opcode, length: body }))
+}
+
+/// Where the next chunk begins at `from` or behind it, past bytes that are no records (told by a
+/// head whose lengths fit each other), or the next definitions of ours.
+pub(crate) fn next_known(file: &Arc<File>, from: u64, length: u64) -> io::Result<Option<u64>> {
+    let mut window = vec![0; WINDOW_BYTES];
+    let mut begin = from;
+    while begin < length {
+        let left = usize::try_from(length - begin).unwrap_or(usize::MAX);
+        let there = WINDOW_BYTES.min(left);
+        Section::new(Arc::clone(file), begin, length).read_exact(&mut window[..there])?;
+        let seen = &window[..there];
+        let is_known = |at: &usize| {
+            let body = match seen[*at] {
+                op::CHUNK => chunk_length(&seen[*at..]),
+                DEFINITIONS_OPCODE => definitions_length(&seen[*at..]),
+                _ => None,
+            };
+            let left = (length - begin - *at as u64).saturating_sub(HEAD_BYTES);
+            body.is_some_and(|body| body <= left)
+        };
+        if let Some(at) = (0..there).find(is_known) {
+            return Ok(Some(begin + at as u64));
+        }
+        if there == left {
+            return Ok(None);
+        }
+        begin += (there - CHUNK_HEAD_BYTES_MAX) as u64;
+    }
+    Ok(None)
+}
+
+/// True if the lengths in the head of a chunk fit each other. Zeros in it are not found by its
+/// checksum: they say that it has none, and no records.
+pub(crate) fn is_chunk(file: &Arc<File>, chunk: Place) -> io::Result<bool> {
+    let there = CHUNK_HEAD_BYTES_MAX.min(usize::try_from(chunk.length + HEAD_BYTES).unwrap_or(0));
+    let mut head = [0; CHUNK_HEAD_BYTES_MAX];
+    let head = &mut head[..there];
+    Section::new(Arc::clone(file), chunk.offset, chunk.end()).read_exact(head)?;
+    Ok(chunk_length(head) == Some(chunk.length))
+}
+
+/// The length of a chunk whose head these bytes begin with, if they do.
+fn chunk_length(bytes: &[u8]) -> Option<u64> {
+    let mut cursor = Cursor::packed(bytes.get(1..CHUNK_HEAD_BYTES_MAX.min(bytes.len()))?);
+    let length = cursor.u64("length").ok()?;
+    let (begin, end) = (cursor.u64("begin").ok()?, cursor.u64("end").ok()?);
+    cursor.slice(8 + 4, "size and checksum").ok()?;
+    let compression = cursor.string("compression").ok()?;
+    let records = cursor.u64("records").ok()?;
+    let head = 8 + 8 + 8 + 4 + 4 + compression.len() as u64 + 8;
+    let is_known = matches!(&*compression, "" | "lz4" | "zstd");
+    (is_known && begin <= end && records.checked_add(head) == Some(length)).then_some(length)
 }
 
 /// The body of a record.

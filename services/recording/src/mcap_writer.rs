@@ -5,18 +5,23 @@
 //! is written it is locked (`flock`), so that whoever looks for left-overs can tell the living
 //! from the dead.
 //!
+//! What topics are stands in the first chunk, and again behind it and every few megabytes (see
+//! [`crate::definitions`]): a damaged spot costs its chunk and no other.
+//!
 //! Nothing is flushed by itself: [`McapWriter::flush`] closes the chunk and gives it to the
 //! system, and whoever calls it every second loses a second at most when the process is killed.
 
+use crate::definitions::{DEFINITIONS_OPCODE, Definitions, channel_record, schema_record};
 use crate::error::RecordingError;
 use crate::mcap_file::words;
 use crate::ros2::MessageType;
-use mcap::records::MessageHeader;
+use mcap::records::{MessageHeader, op};
 use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// Chunk size that rosbag2 documents: large enough for zstd, small enough to hold.
@@ -27,6 +32,8 @@ pub const ACTIVE_SUFFIX: &str = ".active";
 pub(crate) const LIBRARY: &str = concat!("tog ", env!("CARGO_PKG_VERSION"), " mcap-rust/0.26");
 /// The profile of a recording of ours.
 pub(crate) const PROFILE: &str = "ros2";
+/// How the types of messages are defined.
+const SCHEMA_ENCODING: &str = "ros2msg";
 /// How rosbag2 is told that a topic is latched: subscribers that come late get the last message.
 const LATCHED_QOS: &str = "\
 - history: keep_last
@@ -157,6 +164,17 @@ impl Seek for Measured {
     }
 }
 
+/// What became of the name of a file that is being written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// It has it.
+    Kept,
+    /// The file has another name.
+    Moved,
+    /// It has none: what was written is gone when it is closed.
+    Deleted,
+}
+
 /// A recording that is being written.
 pub struct McapWriter {
     path: PathBuf,
@@ -164,6 +182,9 @@ pub struct McapWriter {
     writer: Writer<Measured>,
     channels: Vec<(u16, u32)>,
     facts: FileFacts,
+    definitions: Definitions,
+    /// The open file once more, to be asked where it is.
+    witness: File,
     length: std::sync::Arc<std::sync::atomic::AtomicU64>,
 }
 
@@ -173,6 +194,23 @@ pub fn active_path(path: &Path) -> PathBuf {
     let mut active = path.to_owned().into_os_string();
     active.push(ACTIVE_SUFFIX);
     PathBuf::from(active)
+}
+
+/// Refuses what is neither absent nor a file: a device, a pipe, a directory, a link would be
+/// replaced, or waited for.
+///
+/// # Errors
+/// [`RecordingError::Io`].
+pub(crate) fn check_replaceable(path: &Path) -> Result<(), RecordingError> {
+    let io = |source| RecordingError::Io { path: path.to_owned(), action: "write", source };
+    match fs::symlink_metadata(path) {
+        Ok(found) if found.is_file() => Ok(()),
+        Ok(_) => Err(io(io::Error::other(
+            "found a directory, a link, a device or a pipe, expected a file or nothing",
+        ))),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(error) => Err(io(error)),
+    }
 }
 
 impl McapWriter {
@@ -191,6 +229,8 @@ impl McapWriter {
         profile: &str,
         library: &str,
     ) -> Result<Self, RecordingError> {
+        check_replaceable(path)?;
+        check_replaceable(&active_path)?;
         let io =
             |source| RecordingError::Io { path: active_path.clone(), action: "create", source };
         let open = File::options().write(true).create(true).truncate(false).open(&active_path);
@@ -211,6 +251,7 @@ impl McapWriter {
             .chunk_size(Some(CHUNK_BYTES));
         let length = std::sync::Arc::default();
         let told = std::sync::Arc::clone(&length);
+        let witness = file.try_clone().map_err(io)?;
         let measured = Measured { file: BufWriter::new(file), position: 0, length: 0, told };
         let writer = options.create(measured).map_err(|error| write_error(&active_path, &error))?;
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -220,6 +261,8 @@ impl McapWriter {
             writer,
             channels: Vec::new(),
             facts: FileFacts { name, ..FileFacts::default() },
+            definitions: Definitions::default(),
+            witness,
             length,
         })
     }
@@ -253,11 +296,15 @@ impl McapWriter {
             notes.insert("offered_qos_profiles".to_owned(), topic.qos().to_owned());
         }
         let definition = message_type.definition().as_bytes();
-        let added = self
-            .writer
-            .add_schema(message_type.name(), "ros2msg", definition)
-            .and_then(|schema| self.writer.add_channel(schema, &topic.name, "cdr", &notes));
-        let channel = added.map_err(|error| write_error(&self.active_path, &error))?;
+        let name = message_type.name();
+        let added = self.writer.add_schema(name, SCHEMA_ENCODING, definition).and_then(|schema| {
+            Ok((schema, self.writer.add_channel(schema, &topic.name, "cdr", &notes)?))
+        });
+        let (schema, channel) = added.map_err(|error| write_error(&self.active_path, &error))?;
+        if !self.facts.topics.iter().any(|topic| topic.message_type == name) {
+            self.define(op::SCHEMA, &schema_record(schema, name, SCHEMA_ENCODING, definition));
+        }
+        self.define(op::CHANNEL, &channel_record(channel, schema, &topic.name, "cdr", &notes));
         self.channels.push((channel, 0));
         self.facts.topics.push(TopicFacts {
             name: topic.name.clone(),
@@ -343,7 +390,36 @@ impl McapWriter {
     /// # Errors
     /// [`RecordingError::Write`], as a full disk.
     pub fn flush(&mut self) -> Result<(), RecordingError> {
-        self.writer.flush().map_err(|error| write_error(&self.active_path, &error))
+        let mut flushed = Ok(());
+        if let Some(record) = self.definitions.due(self.bytes()) {
+            flushed =
+                self.writer.write_private_record(DEFINITIONS_OPCODE, &record, Default::default());
+        }
+        flushed
+            .and_then(|()| self.writer.flush())
+            .map_err(|error| write_error(&self.active_path, &error))
+    }
+
+    /// Whether what is written still has the name `<path>.active`.
+    #[must_use]
+    pub fn place(&self) -> Place {
+        // A file that cannot be asked is where it was: its writes say what is wrong.
+        let Ok(written) = self.witness.metadata() else { return Place::Kept };
+        if written.nlink() == 0 {
+            return Place::Deleted;
+        }
+        match fs::symlink_metadata(&self.active_path) {
+            Ok(there) if (there.dev(), there.ino()) == (written.dev(), written.ino()) => {
+                Place::Kept
+            }
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Place::Kept,
+            _ => Place::Moved,
+        }
+    }
+
+    /// Takes note of a schema or channel, to be repeated outside the chunks.
+    pub(crate) fn define(&mut self, opcode: u8, record: &[u8]) {
+        self.definitions.add(opcode, record);
     }
 
     /// The writer of the library, for what only recovery needs.

@@ -51,6 +51,12 @@ impl Recording {
         &self.path
     }
 
+    /// The first of its files.
+    #[must_use]
+    pub fn first_file(&self) -> &Path {
+        self.parts.first().map_or(&self.path, |part| &part.path)
+    }
+
     /// What it is.
     #[must_use]
     pub fn format(&self) -> Format {

@@ -7,22 +7,21 @@
 //! name; the original is not touched.
 
 use crate::cursor::Cursor;
+use crate::definitions::{DEFINITIONS_BYTES_MAX, Found};
 use crate::error::RecordingError;
 use crate::facts::file_facts;
 use crate::format::{Format, MCAP_MAGIC, detect};
-use crate::mcap_records::{Next, body, place_at, unpack};
+use crate::mcap_records::{Next, body, is_chunk, next_known, place_at, unpack};
 use crate::mcap_writer::{FileFacts, LIBRARY, McapWriter, TopicFacts};
 use crate::options::ReadOptions;
 use mcap::records::{MessageHeader, op};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Most bytes of all schemas and channels: the definitions of a whole robot are some megabytes.
-const DEFINITIONS_BYTES_MAX: usize = 64 << 20;
 
 /// What was recovered.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -31,10 +30,14 @@ pub struct Recovered {
     pub facts: FileFacts,
     /// True if nothing was missing: then no file was written.
     pub was_complete: bool,
+    /// Chunks of the original, damaged or not.
+    pub chunks: u64,
     /// Bytes of the original behind its last whole record.
     pub bytes_lost: u64,
     /// Chunks and records that were left out because they are damaged.
     pub damaged: u64,
+    /// Their bytes, as they lie in the original.
+    pub bytes_damaged: u64,
     /// The first of them in words.
     pub first_damage: Option<String>,
 }
@@ -55,7 +58,8 @@ pub fn recover(
         let mut count = Counted::default();
         let walked = walk(&file, length, &mut count, &mut progress).map_err(|e| e.of(from))?;
         if walked.is_whole && walked.damaged == 0 && count.messages == facts.messages {
-            return Ok(Recovered { facts, was_complete: true, ..Recovered::default() });
+            let chunks = walked.chunks;
+            return Ok(Recovered { facts, was_complete: true, chunks, ..Recovered::default() });
         }
     }
     let mut unfinished = to.to_owned().into_os_string();
@@ -84,16 +88,23 @@ fn open(from: &Path) -> Result<(Arc<File>, u64), RecordingError> {
         Err(TryLockError::Error(source)) => return Err(io("lock")(source)),
     }
     let file = Arc::new(file);
-    let format = detect(from, &file, &ReadOptions::default())?.format;
-    if format != Format::Mcap {
-        let found = format!("a recording of the kind {}", format.name());
-        let advice = match format {
-            Format::Ros1Bag | Format::Ros1BagV1 => "`rosbag reindex` recovers a ROS 1 bag",
-            _ => "only MCAP is recovered; `tog bag import` takes what comes before a cut",
-        };
-        return Err(RecordingError::Foreign { path: from.to_owned(), found, advice });
+    let (found, advice) = match detect(from, &file, &ReadOptions::default()) {
+        Ok(kind) if kind.format == Format::Mcap => return Ok((file, metadata.len())),
+        Ok(kind) => {
+            (format!("a recording of the kind {}", kind.format.name()), advice(kind.format))
+        }
+        Err(RecordingError::Foreign { found, .. }) => (found, "is it the file that you meant?"),
+        Err(error) => return Err(error),
+    };
+    Err(RecordingError::NotMcap { path: from.to_owned(), found, advice })
+}
+
+/// What recovers another format.
+fn advice(format: Format) -> &'static str {
+    match format {
+        Format::Ros1Bag | Format::Ros1BagV1 => "`rosbag reindex` recovers a ROS 1 bag",
+        _ => "`tog bag import` takes what comes before a cut",
     }
-    Ok((file, metadata.len()))
 }
 
 fn write(
@@ -104,9 +115,10 @@ fn write(
     unfinished: &Path,
     progress: &mut impl FnMut(u64, u64),
 ) -> Result<Recovered, RecordingError> {
-    let mut copy = Copy::new(to, unfinished);
+    let elsewhere = Found::look(file, length).map_err(|error| Stop::Read(error).of(from))?;
+    let mut copy = Copy::new(to, unfinished, elsewhere);
     let walked = walk(file, length, &mut copy, progress).map_err(|error| error.of(from))?;
-    let refused = copy.refused;
+    let (refused, refused_bytes) = (copy.refused, copy.refused_bytes);
     let first_refusal = copy.first_refusal.take();
     let written = copy.finish()?;
     let expected = written.facts().clone();
@@ -115,8 +127,10 @@ fn write(
     Ok(Recovered {
         facts,
         was_complete: false,
+        chunks: walked.chunks,
         bytes_lost: length - walked.end,
         damaged: walked.damaged + refused,
+        bytes_damaged: walked.damaged_bytes + refused_bytes,
         first_damage: walked.first_damage.or(first_refusal),
     })
 }
@@ -178,18 +192,22 @@ struct Walked {
     end: u64,
     /// True if the end of the file was reached as it should be.
     is_whole: bool,
+    chunks: u64,
     damaged: u64,
+    damaged_bytes: u64,
     first_damage: Option<String>,
 }
 
 impl Walked {
-    fn damage(&mut self, offset: u64, reason: String) {
+    fn damage(&mut self, offset: u64, bytes: u64, reason: String) {
         self.damaged += 1;
+        self.damaged_bytes += bytes;
         self.first_damage.get_or_insert_with(|| format!("at byte {offset}: {reason}"));
     }
 }
 
-/// All whole records from the begin to the end of the data.
+/// All whole records from the begin to the end of the data; behind bytes that are no record it goes
+/// on with the next chunk.
 fn walk(
     file: &Arc<File>,
     length: u64,
@@ -202,7 +220,14 @@ fn walk(
         progress(walked.end, length);
         let place = match place_at(file, walked.end, length).map_err(Stop::Read)? {
             Next::Record(place) => place,
-            Next::Cut | Next::Garbage => return Ok(walked),
+            Next::Cut | Next::Garbage => {
+                let begin = walked.end;
+                let next = next_known(file, begin + 1, length).map_err(Stop::Read)?;
+                let Some(next) = next else { return Ok(walked) };
+                walked.damage(begin, next - begin, "bytes that are no record".to_owned());
+                walked.end = next;
+                continue;
+            }
         };
         match place.opcode {
             op::FOOTER => {
@@ -211,6 +236,13 @@ fn walk(
                 return Ok(walked);
             }
             op::CHUNK => {
+                walked.chunks += 1;
+                if !is_chunk(file, place).map_err(Stop::Read)? {
+                    let bytes = place.end() - place.offset;
+                    walked.damage(place.offset, bytes, "a chunk without its head".to_owned());
+                    walked.end = place.end();
+                    continue;
+                }
                 let mut failed = None;
                 let unpacked = unpack(file, place, |opcode, body| {
                     sink.take(opcode, body).map_err(|error| {
@@ -222,13 +254,14 @@ fn walk(
                     return Err(Stop::Write(error));
                 }
                 if let Err(reason) = unpacked.map_err(Stop::Read)? {
-                    walked.damage(place.offset, format!("a chunk: {reason}"));
+                    let bytes = place.end() - place.offset;
+                    walked.damage(place.offset, bytes, format!("a chunk: {reason}"));
                 }
                 sink.end_of_chunk().map_err(Stop::Write)?;
             }
             _ => match body(file, place, &mut bytes) {
                 Ok(()) => sink.take(place.opcode, &bytes).map_err(Stop::Write)?,
-                Err(reason) => walked.damage(place.offset, reason),
+                Err(reason) => walked.damage(place.offset, place.end() - place.offset, reason),
             },
         }
         walked.end = place.end();
@@ -262,13 +295,16 @@ struct Copy<'a> {
     /// Index of a channel in the facts.
     channels: BTreeMap<u16, usize>,
     definitions_bytes: usize,
+    /// Definitions for messages whose own were lost with a damaged chunk.
+    elsewhere: Found,
     /// Records that make no sense.
     refused: u64,
+    refused_bytes: u64,
     first_refusal: Option<String>,
 }
 
 impl<'a> Copy<'a> {
-    fn new(to: &'a Path, unfinished: &'a Path) -> Self {
+    fn new(to: &'a Path, unfinished: &'a Path, elsewhere: Found) -> Self {
         Self {
             to,
             unfinished,
@@ -276,7 +312,9 @@ impl<'a> Copy<'a> {
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             definitions_bytes: 0,
+            elsewhere,
             refused: 0,
+            refused_bytes: 0,
             first_refusal: None,
         }
     }
@@ -324,7 +362,7 @@ impl<'a> Copy<'a> {
                     let max = DEFINITIONS_BYTES_MAX;
                     return Ok(Err(format!("definitions of more than {max} bytes")));
                 }
-                Ok(if opcode == op::SCHEMA { self.schema(cursor) } else { self.channel(cursor) })
+                Ok(if opcode == op::SCHEMA { self.schema(body) } else { self.channel(body) })
             }
             op::MESSAGE => self.message(cursor),
             op::ATTACHMENT => self.attachment(cursor),
@@ -333,7 +371,8 @@ impl<'a> Copy<'a> {
         }
     }
 
-    fn schema(&mut self, mut record: Cursor<'_>) -> Result<(), String> {
+    fn schema(&mut self, body: &[u8]) -> Result<(), String> {
+        let mut record = Cursor::packed(body);
         let id = record.u16("the number of a schema")?;
         let name = record.string("the name of a schema")?;
         let encoding = record.string("the encoding of a schema")?;
@@ -342,13 +381,21 @@ impl<'a> Copy<'a> {
         let Some(writer) = self.writer.as_mut() else { return Ok(()) };
         let (raw, _) = writer.raw();
         raw.add_schema_with_id(id, &name, &encoding, data).map_err(|error| error.to_string())?;
-        self.schemas.entry(id).or_insert_with(|| name.into_owned());
+        if let Entry::Vacant(place) = self.schemas.entry(id) {
+            place.insert(name.into_owned());
+            writer.define(op::SCHEMA, body);
+        }
         Ok(())
     }
 
-    fn channel(&mut self, mut record: Cursor<'_>) -> Result<(), String> {
+    fn channel(&mut self, body: &[u8]) -> Result<(), String> {
+        let mut record = Cursor::packed(body);
         let id = record.u16("the number of a channel")?;
         let schema = record.u16("the schema of a channel")?;
+        if schema != 0 && !self.schemas.contains_key(&schema) {
+            // If it is nowhere else either, the writer refuses the channel.
+            self.elsewhere.schemas.remove(&schema).map_or(Ok(()), |found| self.schema(&found))?;
+        }
         let name = record.string("the topic of a channel")?.into_owned();
         let encoding = record.string("the encoding of a channel")?.into_owned();
         let mut notes = record.string_map("the notes of a channel")?;
@@ -363,6 +410,7 @@ impl<'a> Copy<'a> {
         let qos = notes.remove("offered_qos_profiles").unwrap_or_default();
         self.channels.insert(id, facts.topics.len());
         facts.topics.push(TopicFacts { name, message_type, encoding, qos, messages: 0 });
+        writer.define(op::CHANNEL, body);
         Ok(())
     }
 
@@ -379,6 +427,12 @@ impl<'a> Copy<'a> {
             Ok(header) => header,
             Err(reason) => return Ok(Err(reason)),
         };
+        if !self.channels.contains_key(&header.channel_id)
+            && let Some(found) = self.elsewhere.channels.remove(&header.channel_id)
+            && let Err(reason) = self.channel(&found)
+        {
+            return Ok(Err(reason));
+        }
         let Some(topic) = self.channels.get(&header.channel_id) else {
             let channel = header.channel_id;
             return Ok(Err(format!("a message of the unknown channel {channel}")));
@@ -428,6 +482,7 @@ impl Sink for Copy<'_> {
     fn take(&mut self, opcode: u8, body: &[u8]) -> Result<(), RecordingError> {
         if let Err(reason) = self.record(opcode, body)? {
             self.refused += 1;
+            self.refused_bytes += body.len() as u64;
             self.first_refusal.get_or_insert(reason);
         }
         Ok(())

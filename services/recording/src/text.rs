@@ -216,14 +216,24 @@ impl Dialect {
             Self::Player => Ok(player::laser(line)),
             Self::Csv(_, Some(csv)) => csv.take(line),
             Self::Csv(options, csv) => {
-                if line.starts_with('#') || line.trim().is_empty() {
+                if line.trim().is_empty() {
                     return Ok(None);
                 }
+                if line.starts_with('#') {
+                    // A comment tells nothing of what parts the fields; a row does.
+                    let Some(map) = options.columns.clone() else { return Ok(None) };
+                    let mut first = Csv::new(map, line);
+                    let laser = first.take(line)?;
+                    *csv = laser.is_some().then(|| Box::new(first));
+                    return Ok(laser);
+                }
                 let own = declared(line);
+                let is_declaration = own.is_some();
                 let Some(map) = options.columns.clone().or(own) else {
                     return Err("it declares no columns".to_owned());
                 };
-                csv.insert(Box::new(Csv::new(map, line))).take(line)
+                let csv = csv.insert(Box::new(Csv::new(map, line)));
+                if is_declaration { Ok(None) } else { csv.take(line) }
             }
         }
     }

@@ -299,3 +299,24 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn no_row_of_a_csv_vanishes_as_a_title() {
+    let map = "t,r*2,angle_min=0,angle_increment=1:deg,range_max=8";
+    for (rows, refused) in [
+        ("#0,1,2\n-1,1,2\n-2,1,2\n1,1,2\n", 3),
+        ("# a comment\nt,a,b\n# another\n1,1,2\n", 0),
+        ("-3,1,2\n-4,1,2\n", 2),
+        ("t,a,b\nmore,words,here\n1,1,2\n", 1),
+    ] {
+        let (_directory, path) = file(rows.as_bytes());
+        let (scans, errors) = read_with(&path, columns(map));
+        assert_eq!(errors.len(), refused, "{rows}: {errors:?}");
+        assert_eq!(scans.len(), usize::from(rows.contains("\n1,")), "{rows}");
+    }
+    // A CSV that declares its columns itself.
+    let declared = "t,r0,r1,angle_min=0,angle_increment=1:deg,range_max=8\n-1,1,2\n-2,1,2\n1,1,2\n";
+    let (_directory, path) = file(declared.as_bytes());
+    let (scans, errors) = read_with(&path, ReadOptions::default());
+    assert_eq!((scans.len(), errors.len()), (1, 2), "{errors:?}");
+}

@@ -146,6 +146,46 @@ fn a_damaged_chunk_costs_its_second_and_no_other() {
     assert_eq!(recovered.facts.messages, 2 * (SECONDS - 1) * RATE_HZ);
 }
 
+/// Sixty-four bytes of zeros: in the chunk, over its head, over everything up to the next one.
+#[test]
+fn a_damaged_first_chunk_costs_its_second_and_the_definitions_are_known_anyway() {
+    let room = Room::new();
+    let whole = fs::read(&room.whole).unwrap();
+    let magic = |byte: usize| {
+        whole[byte] == 6
+            && whole[byte..]
+                .get(41..50)
+                .is_some_and(|head| head.windows(4).any(|word| word == b"zstd"))
+    };
+    let chunk = (8..whole.len()).find(|at| magic(*at)).unwrap();
+    let (bad, saved) = (room.path("bad.mcap"), room.path("saved.mcap"));
+    let all = scans(&room.whole);
+    let second = 2 * RATE_HZ as usize;
+    for hole in [chunk, chunk + 5, chunk + 100, chunk + 1000] {
+        // Complete but for the hole, and cut besides: then no index helps.
+        for cut in [whole.len(), room.safe[15].0 as usize] {
+            let mut with_hole = whole[..cut].to_vec();
+            with_hole[hole..hole + 64].fill(0);
+            fs::write(&bad, with_hole).unwrap();
+            let recovered = recover(&bad, &saved, |_, _| {}).unwrap();
+            let seconds = if cut == whole.len() { SECONDS as usize } else { 15 };
+            assert_eq!(recovered.damaged, 1, "{hole}: {recovered:?}");
+            assert!(recovered.bytes_damaged > 1000 && recovered.chunks > 10, "{recovered:?}");
+            assert_eq!(scans(&saved), all[second..seconds * second], "hole at {hole}");
+            // What was recovered is as hard to hurt as the original.
+            let mut again = fs::read(&saved).unwrap();
+            let chunk = (8..again.len())
+                .find(|at| again[*at] == 6 && again[*at..][..60].windows(4).any(|w| w == b"zstd"))
+                .unwrap();
+            again[chunk + 300..chunk + 364].fill(0);
+            fs::write(&bad, again).unwrap();
+            let twice = room.path("twice.mcap");
+            recover(&bad, &twice, |_, _| {}).unwrap();
+            assert_eq!(scans(&twice), all[2 * second..seconds * second]);
+        }
+    }
+}
+
 #[test]
 fn garbage_is_refused_or_gives_an_empty_recording() {
     let room = Room::new();
@@ -153,7 +193,7 @@ fn garbage_is_refused_or_gives_an_empty_recording() {
     for text in [&b""[..], b"\x89MCAP", b"hello", b"#ROSBAG V2.0\n"] {
         fs::write(&file, text).unwrap();
         let error = recover(&file, &saved, |_, _| {}).unwrap_err();
-        assert!(matches!(error, RecordingError::Foreign { .. }), "{error}");
+        assert!(matches!(error, RecordingError::NotMcap { .. }), "{error}");
         assert!(!saved.exists());
     }
     let whole = fs::read(&room.whole).unwrap();
@@ -206,5 +246,24 @@ mod any_bytes {
                 prop_assert_eq!(file_facts(&saved).unwrap().messages, recovered.facts.messages);
             }
         }
+    }
+}
+
+#[test]
+fn only_files_are_replaced() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    std::os::unix::fs::symlink(path("elsewhere"), path("link.mcap")).unwrap();
+    fs::create_dir(path("dir.mcap")).unwrap();
+    // As `mkfifo`: opening it would wait for a reader.
+    for name in ["pipe.mcap", "x.mcap.active"] {
+        let made = std::process::Command::new("mkfifo").arg(path(name)).status().unwrap();
+        assert!(made.success());
+    }
+    for name in ["link.mcap", "dir.mcap", "pipe.mcap", "x.mcap"] {
+        let error = McapWriter::create(path(name)).err().unwrap().to_string();
+        assert!(error.contains("expected a file or nothing"), "{name}: {error}");
+        let error = recording::CsvWriter::create(path(name), 3).err().unwrap().to_string();
+        assert!(error.contains("expected a file or nothing"), "{name}: {error}");
     }
 }

@@ -3,6 +3,7 @@
 use crate::report::StatusReport;
 use process::instance::{InstanceError, default_run_root, run_dir_of};
 use process::{EventLoop, Instance, Interest, Token, monotonic_ns};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
 use std::io::{self, Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -144,10 +145,15 @@ pub enum StatusError {
     #[error(transparent)]
     Instance(#[from] InstanceError),
     /// It does not answer.
-    #[error("the supervisor of {site} does not answer on {path}: {source}; was it killed?")]
+    #[error(
+        "the supervisor of {site} (process {pid}) does not answer on {path}: {source}: {}",
+        what_to_do(source, *pid)
+    )]
     Silent {
         /// The site's name.
         site: String,
+        /// Its process id.
+        pid: u32,
         /// The socket.
         path: String,
         /// What the system says.
@@ -161,6 +167,33 @@ pub enum StatusError {
         /// What was found.
         reason: String,
     },
+}
+
+/// What to do about a supervisor that does not answer.
+fn what_to_do(error: &io::Error, pid: u32) -> String {
+    match error.kind() {
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => format!(
+            "it is stopped or overloaded. `kill -CONT {pid}` lets a stopped one go on; one that hangs \
+             must be killed (`kill -9 {pid}`), then `tog run` starts the site again"
+        ),
+        io::ErrorKind::BrokenPipe
+        | io::ErrorKind::ConnectionReset
+        | io::ErrorKind::UnexpectedEof => format!(
+            "all {CONNECTIONS_MAX} places of the socket are taken, for some seconds at most: try again \
+             soon. `ss -xp` shows who connects to it"
+        ),
+        _ => "was it killed? `tog run` starts the site again".to_owned(),
+    }
+}
+
+/// Connects without waiting for a place among those whom a stopped supervisor has not accepted yet.
+fn connect(path: &Path) -> io::Result<UnixStream> {
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    rustix::net::connect(&socket, &SocketAddrUnix::new(path)?)?;
+    let stream = UnixStream::from(socket);
+    stream.set_nonblocking(false)?;
+    Ok(stream)
 }
 
 /// Asks the supervisor of a running site how it is. `site_or_dir` is the site's name, or its run
@@ -180,18 +213,24 @@ pub fn status_in(site_or_dir: &str, run_root: &Path) -> Result<StatusReport, Sta
     let instance = Instance::load(&run_dir_of(site_or_dir, run_root))?;
     let path = instance.control_socket();
     let ask = || -> io::Result<Vec<u8>> {
-        let mut stream = UnixStream::connect(&path)?;
+        let mut stream = connect(&path)?;
         stream.set_read_timeout(Some(CLIENT_PATIENCE))?;
         stream.set_write_timeout(Some(CLIENT_PATIENCE))?;
         stream.write_all(REQUEST)?;
         let mut answer = Vec::new();
         stream.take(REPORT_BYTES_MAX).read_to_end(&mut answer)?;
-        Ok(answer)
+        match answer.is_empty() {
+            true => Err(io::ErrorKind::UnexpectedEof.into()), // closed without a word
+            false => Ok(answer),
+        }
     };
+    let pid = instance.owner_pid;
     let site = instance.site_name.clone();
     match ask() {
         Ok(answer) => serde_json::from_slice(&answer)
             .map_err(|error| StatusError::Answer { site, reason: error.to_string() }),
-        Err(source) => Err(StatusError::Silent { site, path: path.display().to_string(), source }),
+        Err(source) => {
+            Err(StatusError::Silent { site, pid, path: path.display().to_string(), source })
+        }
     }
 }

@@ -67,35 +67,87 @@ pub struct StatusReport {
 
 /// Parts of the names of counters of what should not happen.
 const LOSSES: [&str; 7] = ["lost", "late", "dropped", "refused", "missed", "failed", "given_up"];
+/// Health comes once a second: a service that runs and is silent for longer is stuck, seconds.
+const HEALTH_AGE_MAX_S: f64 = 3.0;
 
 impl ServiceStatus {
-    /// True if it runs and says that nothing is wrong.
+    /// True if it runs, tells its health in time and says that nothing is wrong.
     fn is_well(&self) -> bool {
-        matches!(self.state, ProcessState::Running | ProcessState::Ended)
+        matches!(self.state, ProcessState::Running | ProcessState::Ended) && !self.is_overdue()
     }
 
-    /// What it delivers, a second.
+    /// True if it runs and has not told its health for too long.
+    fn is_overdue(&self) -> bool {
+        let runs = matches!(self.state, ProcessState::Running | ProcessState::Degraded);
+        runs && self.health_age_s.is_some_and(|age_s| age_s > HEALTH_AGE_MAX_S)
+    }
+
+    /// How far an area has learnt: `learning, 3 of 10 min`; none for other services. The gauges
+    /// are those of the service `anomaly`.
+    fn phase(&self) -> Option<String> {
+        let gauge = |name: &str| self.gauges.get(name).copied();
+        let progress = |phase: &str, done: &str, goal: &str| {
+            let of = gauge(done).zip(gauge(goal)).map(|(done_s, goal_s)| of_goal(done_s, goal_s));
+            of.map_or_else(|| phase.to_owned(), |of| format!("{phase}, {of}"))
+        };
+        match gauge("phase")? {
+            0.0 => Some(progress("learning", "learnt_s", "learning_s")),
+            1.0 => Some(progress("calibrating", "calibrated_s", "calibration_s")),
+            _ => Some("watching".to_owned()),
+        }
+    }
+
+    /// The phase of an area in which nothing unusual is told yet.
+    fn unready(&self) -> Option<String> {
+        self.phase().filter(|_| self.gauges.get("phase").is_some_and(|phase| *phase < 2.0))
+    }
+
+    /// What it delivers, a second; unknown while its health is overdue.
     fn rate_hz(&self) -> Option<f64> {
+        if self.is_overdue() {
+            return None;
+        }
         let mut rates = self.gauges.iter().filter(|(name, _)| name.ends_with("_rate_hz"));
         rates.next().map(|(_, rate_hz)| *rate_hz)
     }
 
-    /// Age of its last data, or of the last word of it, seconds.
+    /// Age now of its newest scan if it is a laser, else of the last word of it, seconds.
     fn age_s(&self) -> Option<f64> {
-        self.gauges.get("scan_age_s").copied().or(self.health_age_s)
+        let scan_age_s = self.gauges.get("scan_age_s").copied().unwrap_or(0.0);
+        self.health_age_s.map(|health_age_s| scan_age_s + health_age_s)
+    }
+
+    /// Its phase, and the counters and gauges that are not zero and have no column.
+    fn values(&self) -> Vec<String> {
+        let counters = self.counters.iter().filter(|(name, count)| *name != "wakes" && **count > 0);
+        let no_column = |name: &str| !matches!(name, "cpu_s" | "phase");
+        let gauges = self.gauges.iter().filter(|(name, value)| no_column(name) && **value != 0.0);
+        let counters = counters.map(|(name, count)| format!("{name} {count}"));
+        let gauges = gauges.map(|(name, value)| match value.abs() {
+            0.0..100.0 => format!("{name} {value:.3}"),
+            _ => format!("{name} {value:.0}"),
+        });
+        self.phase().into_iter().chain(counters).chain(gauges).collect()
     }
 
     /// What is wrong, a line each.
     fn complaints(&self) -> Vec<String> {
         let faults = self.faults.iter().map(|fault| format!("{}: {}", fault.code, fault.text));
         let mut lines: Vec<String> = faults.collect();
+        if let (true, Some(age_s)) = (self.is_overdue(), self.health_age_s) {
+            let age = duration(age_s);
+            lines.push(format!("overdue: says nothing for {age}, which it should every second"));
+        }
         if let (ProcessState::Waiting, Some(end)) = (self.state, &self.last_end) {
             lines.push(format!("ended with {end}, and is started again"));
         }
-        match self.restarts {
-            0 => {}
-            1 => lines.push("was started again once".to_owned()),
-            n => lines.push(format!("was started again {n} times")),
+        let ago = self.up_s.map_or_else(String::new, |up_s| format!("{} ago", duration(up_s)));
+        match (self.restarts, self.up_s) {
+            (0, _) => {}
+            (1, None) => lines.push("was started again once".to_owned()),
+            (1, _) => lines.push(format!("was started again once, {ago}")),
+            (n, None) => lines.push(format!("was started again {n} times")),
+            (n, _) => lines.push(format!("was started again {n} times, the last time {ago}")),
         }
         let is_loss = |name: &str| LOSSES.iter().any(|loss| name.contains(loss));
         let losses = self.counters.iter().filter(|(name, count)| is_loss(name) && **count > 0);
@@ -115,15 +167,43 @@ impl StatusReport {
         !self.stopping && self.services.iter().all(ServiceStatus::is_well)
     }
 
+    /// Everything for programs: the fields, and what people are told besides: `well` of the site
+    /// and of every service, `phase` of those that learn.
+    ///
+    /// # Errors
+    /// If a value has no JSON.
+    pub fn json(&self) -> serde_json::Result<serde_json::Value> {
+        let mut json = serde_json::to_value(self)?;
+        json["well"] = self.is_healthy().into();
+        for (index, service) in self.services.iter().enumerate() {
+            json["services"][index]["well"] = service.is_well().into();
+            json["services"][index]["phase"] = service.phase().into();
+        }
+        Ok(json)
+    }
+
+    /// How it is, in half a sentence.
+    fn headline(&self) -> String {
+        let unwell = self.services.iter().filter(|service| !service.is_well()).count();
+        let mut health = match (self.stopping, unwell) {
+            (true, _) => return "is stopping".to_owned(),
+            (false, 0) => "all is well".to_owned(),
+            (false, 1) => format!("1 of {} services is not well", self.services.len()),
+            (false, n) => format!("{n} of {} services are not well", self.services.len()),
+        };
+        for service in &self.services {
+            if let Some(phase) = service.unready() {
+                let area = service.name.split_once(' ').map_or("", |(_, area)| area);
+                let _ = write!(health, "; area {area} is still {phase}: only faults are told");
+            }
+        }
+        health
+    }
+
     /// A line per service for people, and what is wrong spelled out below it.
     #[must_use]
     pub fn summary(&self) -> String {
-        let unwell = self.services.iter().filter(|service| !service.is_well()).count();
-        let health = match (self.stopping, unwell) {
-            (true, _) => "is stopping".to_owned(),
-            (false, 0) => "all is well".to_owned(),
-            (false, n) => format!("{n} of {} services are not well", self.services.len()),
-        };
+        let health = self.headline();
         let up = duration(self.stamp_ns.saturating_sub(self.started_ns) as f64 / 1e9);
         let mut text = format!("site {}: {health}, up {up}\n", self.site);
         let width = self.services.iter().map(|s| s.name.chars().count()).max().unwrap_or(0).max(7);
@@ -144,6 +224,9 @@ impl StatusReport {
                 or_dash(service.rate_hz().map(|rate_hz| format!("{rate_hz:.1} Hz"))),
                 or_dash(service.age_s().map(|age_s| format!("{age_s:.1} s"))),
             );
+            if let Some(phase) = service.phase() {
+                let _ = writeln!(text, "{:width$}    {phase}", "");
+            }
             for complaint in service.complaints() {
                 let _ = writeln!(text, "{:width$}    ! {complaint}", "");
             }
@@ -181,21 +264,9 @@ impl StatusReport {
                 or_dash(service.health_age_s.map(|age_s| format!("{age_s:.1} s"))),
                 or_dash(service.gauges.get("cpu_s").map(|cpu_s| format!("{cpu_s:.2} s"))),
             );
-            let counters: Vec<_> = service
-                .counters
-                .iter()
-                .filter(|(name, _)| *name != "wakes")
-                .map(|(name, value)| format!("{name} {value}"))
-                .chain(
-                    service
-                        .gauges
-                        .iter()
-                        .filter(|(name, _)| *name != "cpu_s")
-                        .map(|(name, value)| format!("{name} {value:.3}")),
-                )
-                .collect();
-            if !counters.is_empty() {
-                let _ = writeln!(text, "{:width$}    {}", "", counters.join(", "));
+            let values = service.values();
+            if !values.is_empty() {
+                let _ = writeln!(text, "{:width$}    {}", "", values.join(", "));
             }
             for fault in &service.faults {
                 let _ = writeln!(text, "{:width$}    ! {}: {}", "", fault.code, fault.text);
@@ -205,6 +276,17 @@ impl StatusReport {
             }
         }
         text
+    }
+}
+
+/// `3 of 10 min`: progress in the unit of the goal, or `3 min of 6 h` while that is below one.
+fn of_goal(done_s: f64, goal_s: f64) -> String {
+    let of = |unit_s: f64| (done_s / unit_s).floor();
+    match goal_s {
+        s if s < 120.0 => format!("{} of {s:.0} s", of(1.0)),
+        s if s < 7200.0 => format!("{} of {:.0} min", of(60.0), s / 60.0),
+        s if done_s < 3600.0 => format!("{} min of {:.0} h", of(60.0), s / 3600.0),
+        s => format!("{} of {:.0} h", of(3600.0), s / 3600.0),
     }
 }
 
@@ -283,7 +365,7 @@ mod tests {
         };
         let well = "site lab: all is well, up 1m01s\n\
                     service      state          up       rate      age\n\
-                    laser front  running     1m01s    10.0 Hz    0.1 s\n";
+                    laser front  running     1m01s    10.0 Hz    0.3 s\n";
         assert_eq!(report.summary(), well);
         let mut fusion = service("fusion lab", ProcessState::Degraded);
         fusion.restarts = 2;
@@ -293,12 +375,85 @@ mod tests {
         report.services.push(fusion);
         let summary = report.summary();
         for part in [
-            "site lab: 1 of 2 services are not well",
+            "site lab: 1 of 2 services is not well",
             "! laser_silent: laser `front` is silent\n",
-            "! was started again 2 times\n",
+            "! was started again 2 times, the last time 1m01s ago\n",
             "! since its start: scans lost 3\n",
         ] {
             assert!(summary.contains(part), "{part}\n{summary}");
         }
+    }
+
+    fn one(name: &str, health_age_s: f64, gauges: &[(&str, f64)]) -> StatusReport {
+        let service = ServiceStatus {
+            name: name.to_owned(),
+            state: ProcessState::Running,
+            pid: Some(42),
+            restarts: 0,
+            up_s: Some(61.0),
+            health_age_s: Some(health_age_s),
+            last_end: None,
+            counters: [("scans_lost".to_owned(), 0), ("scans_out".to_owned(), 7)].into(),
+            gauges: gauges.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect(),
+            faults: Vec::new(),
+        };
+        StatusReport {
+            site: "lab".into(),
+            run_dir: "/run/tog/lab".into(),
+            pid: 41,
+            started_ns: 0,
+            stamp_ns: 61_000_000_000,
+            stopping: false,
+            services: vec![service],
+        }
+    }
+
+    #[test]
+    fn an_area_that_still_learns_is_named_with_its_progress_and_all_is_well() {
+        for (phase, goal_s, words) in [
+            (0.0, 600.0, "learning, 3 of 10 min"),
+            (0.0, 21_600.0, "learning, 3 min of 6 h"),
+            (1.0, 90.0, "calibrating, 12 of 90 s"),
+        ] {
+            let report = one(
+                "anomaly room",
+                0.2,
+                &[
+                    ("phase", phase),
+                    ("learnt_s", 185.0),
+                    ("learning_s", goal_s),
+                    ("calibrated_s", 12.5),
+                    ("calibration_s", goal_s),
+                ],
+            );
+            let summary = report.summary();
+            let headline = format!("all is well; area room is still {words}: only faults are told");
+            assert!(summary.contains(&headline), "{summary}");
+            assert!(summary.contains(&format!("    {words}\n")), "{summary}");
+            assert!(report.table().contains(words), "{}", report.table());
+            let json = report.json().map(|json| json["services"][0]["phase"].clone());
+            assert_eq!(json.ok(), Some(words.into()));
+            assert!(report.is_healthy());
+        }
+        let summary = one("anomaly room", 0.2, &[("phase", 2.0)]).summary();
+        assert!(
+            summary.contains("all is well, up") && summary.contains(" watching\n"),
+            "{summary}"
+        );
+    }
+
+    #[test]
+    fn a_service_that_says_nothing_for_seconds_is_not_well_and_its_age_grows() {
+        let gauges = [("scan_rate_hz", 10.0), ("scan_age_s", 0.1)];
+        assert!(one("laser front", 2.9, &gauges).is_healthy());
+        let report = one("laser front", 12.0, &gauges);
+        assert!(!report.is_healthy());
+        let summary = report.summary();
+        for part in ["1 of 1 services is not well", "1m01s          -   12.1 s", "nothing for 12 s"]
+        {
+            assert!(summary.contains(part), "{part}\n{summary}");
+        }
+        assert_eq!(report.json().map(|json| json["well"].clone()).ok(), Some(false.into()));
+        assert!(!report.table().contains("scans_lost"), "zeros say nothing: {}", report.table());
     }
 }

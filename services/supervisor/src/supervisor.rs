@@ -296,9 +296,26 @@ impl Supervisor {
              processes stop and the site begins anew, from its state directory",
             path.display()
         ));
+        process::logging::hush();
         let (code, since_ns) = (exit::OK, monotonic_ns());
         self.phase = Phase::Stopping { code, stage: 0, since_ns, anew: true };
         true
+    }
+
+    /// What somebody may have removed under our feet: the domain's files, the state directory.
+    fn look_at_files(&mut self) {
+        if self.has_lost_its_domain() {
+            return;
+        }
+        match self.owner.look_at_state() {
+            Ok(None) => {}
+            Ok(Some(words)) => self.output.say(&format!("ERROR {words}")),
+            Err(error) => {
+                self.output
+                    .say(&format!("ERROR {error}. Two writers would undo each other's work"));
+                self.stop(exit::FAILED, "INFO the site stops");
+            }
+        }
     }
 
     /// The log, for the next run; everything else ends here.
@@ -316,7 +333,7 @@ impl Supervisor {
             // No deadline of its own: the beats of the services wake us often enough.
             if now_ns >= self.looked_ns + SECOND_NS {
                 self.looked_ns = now_ns;
-                self.has_lost_its_domain();
+                self.look_at_files();
             }
         }
         if let Phase::Running = self.phase {

@@ -227,6 +227,57 @@ fn visitors_who_talk_nonsense_or_nothing_do_not_disturb() {
 }
 
 #[test]
+fn a_state_directory_that_is_removed_is_told_and_a_second_writer_ends_the_site() {
+    let mut run = Run::start("stateless", "1000");
+    run.wait_until_healthy();
+    let state_dir = run.root.path().join("state");
+    std::fs::remove_dir_all(&state_dir).unwrap();
+    run.wait_for("the loss", |run| {
+        run.seen.iter().any(|line| line.contains("was removed while the site runs")).then_some(())
+    });
+    run.wait_for("the lock", |_| state_dir.join("lock").is_file().then_some(()));
+    // The site may take a new directory before we do: then once more.
+    let _second = run.wait_for("a directory of our own", |run| {
+        std::fs::remove_dir_all(run.root.path().join("state")).ok()?;
+        process::StateLock::take(&run.root.path().join("state")).ok()
+    });
+    let (code, text) = run.end();
+    assert_eq!(code, Some(1), "{text}");
+    assert!(text.contains("Two writers would undo each other's work"), "{text}");
+}
+
+#[test]
+fn who_asks_a_stopped_supervisor_is_told_how_it_goes_on() {
+    let mut run = Run::start("halted", "1000");
+    run.wait_until_healthy();
+    run.signal(Signal::STOP);
+    let error = status_in(&run.name, run.root.path()).unwrap_err().to_string();
+    let remedy = format!("`kill -CONT {}`", run.child.id());
+    assert!(error.contains(&remedy), "{error}");
+    // Visitors whom it does not accept: the next one is not kept waiting for a place.
+    let socket = run.root.path().join(&run.name).join("control.sock");
+    let crowd: Vec<_> = std::iter::from_fn(|| visit(&socket)).collect();
+    let error = status_in(&run.name, run.root.path()).unwrap_err().to_string();
+    assert!(error.contains(&remedy), "{error}");
+    drop(crowd);
+    run.signal(Signal::CONT);
+    run.wait_until_healthy();
+    run.signal(Signal::TERM);
+    assert_eq!(run.end().0, Some(0));
+}
+
+/// A connection, as long as there is a place in the queue of the socket.
+fn visit(socket: &Path) -> Option<std::os::fd::OwnedFd> {
+    use rustix::net::{
+        AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with,
+    };
+    let stream =
+        socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::NONBLOCK, None).unwrap();
+    connect(&stream, &SocketAddrUnix::new(socket).unwrap()).ok()?;
+    Some(stream)
+}
+
+#[test]
 fn who_does_not_listen_is_killed_and_nothing_is_left() {
     let mut run = Run::start("deaf", "");
     let report = run.wait_until_healthy();

@@ -1,10 +1,10 @@
 //! One class of two collapsed maps of the same grid: where it became more or less frequent.
 
 use crate::FigureError;
-use crate::canvas::{FAINT, Rect};
+use crate::canvas::Rect;
 use crate::input::{ChangeMap, EventMark, LaserMark, Options, check_grid, check_share};
 use crate::marks;
-use crate::palette::{NEWLY_OBSERVED, NO_MORE_OBSERVED, diverging, mix};
+use crate::palette::{NEWLY_OBSERVED, NO_MORE_OBSERVED, diverging, unchanged};
 use crate::sheet::{self, Key, PLOT_MIN_PX, Sheet, Texts};
 use crate::view::{Paint, View};
 
@@ -82,7 +82,7 @@ fn view_of(map: &ChangeMap, lasers: &[LaserMark], options: &Options) -> View {
 fn legend(places: &[EventMark], lasers: bool) -> Vec<(Key, String)> {
     let place = |(i, place): (usize, &EventMark)| (Key::Event(i + 1), place.label.clone());
     let mut keys: Vec<(Key, String)> = places.iter().enumerate().map(place).collect();
-    keys.push((Key::Colour(FAINT), "unchanged (the darker, the more frequent)".into()));
+    keys.push((Key::Colour(unchanged(1.0)), "unchanged; white where the class never was".into()));
     keys.push((Key::Colour(NEWLY_OBSERVED), "observed in the later map only".into()));
     keys.push((Key::Colour(NO_MORE_OBSERVED), "observed in the earlier map only".into()));
     keys.push((Key::Never, "never observed".into()));
@@ -93,11 +93,13 @@ fn legend(places: &[EventMark], lasers: bool) -> Vec<(Key, String)> {
 }
 
 fn scale_text(gamma: f64) -> String {
-    let scale = if gamma == 1.0 { "the change" } else { "|change|" };
-    let power = if gamma == 1.0 { String::new() } else { format!(" ^ {gamma}") };
-    format!(
-        "Red: more frequent in the later map; blue: less. Colours are linear in {scale}{power}. "
-    )
+    let scale = match gamma {
+        1.0 => "Colours are in proportion to the change.".to_owned(),
+        _ => format!(
+            "Small changes are drawn stronger than in proportion (colour = change ^ {gamma})."
+        ),
+    };
+    format!("Red: more frequent in the later map; blue: less; grey: unchanged. {scale} ")
 }
 
 /// Marks of the colour bar, from -100 % at 0 to +100 % at 1, that keep `spacing` apart.
@@ -121,7 +123,7 @@ fn paint(map: &ChangeMap, cells: &[usize], gamma: f64) -> Paint {
         let change = f64::from(change);
         if change.abs() < UNCHANGED_MAX {
             let share = cells.iter().map(|cell| map.after[*cell]).fold(0.0, f32::max);
-            return Paint::Colour(mix(diverging(0.0), FAINT, f64::from(share)));
+            return Paint::Colour(unchanged(f64::from(share)));
         }
         return Paint::Colour(diverging(change.signum() * change.abs().powf(gamma)));
     }
@@ -165,6 +167,6 @@ mod tests {
         assert_eq!(paint(&map, &[2, 4], 0.5), Paint::Colour(NEWLY_OBSERVED));
         assert_eq!(paint(&map, &[3, 4], 0.5), Paint::Colour(NO_MORE_OBSERVED));
         assert_eq!(paint(&map, &[4], 0.5), Paint::Never);
-        assert_eq!(paint(&map, &[5], 0.5), Paint::Colour(FAINT));
+        assert_eq!(paint(&map, &[5], 0.5), Paint::Colour(unchanged(1.0)));
     }
 }

@@ -54,6 +54,17 @@ pub struct OverviewMap {
     pub title: String,
     /// Small lines below.
     pub subtitle: String,
+    /// Named places.
+    pub zones: Vec<ZoneMark>,
+}
+
+/// A named place in a picture.
+#[derive(Debug, Clone)]
+pub struct ZoneMark {
+    /// Its name.
+    pub name: String,
+    /// Corners, metres of the site.
+    pub polygon_m: Vec<[f64; 2]>,
 }
 
 /// How the share of one class changed from one map to a later one of the same grid.
@@ -105,6 +116,16 @@ pub enum FileFormat {
     Svg,
 }
 
+/// Where the scale of colour of [`crate::class_share`] ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Scale {
+    /// At 100 %: pictures can be compared.
+    #[default]
+    Full,
+    /// At the largest share of the picture: what is rare everywhere is seen.
+    Max,
+}
+
 /// How pictures look.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -118,11 +139,14 @@ pub struct Options {
     pub crop: bool,
     /// Format of the file.
     pub format: FileFormat,
+    /// Where the scale of a single class ends.
+    pub scale: Scale,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { gamma: 0.4, plot_max_px: [1000, 800], crop: true, format: FileFormat::Png }
+        let (format, scale) = (FileFormat::Png, Scale::Full);
+        Self { gamma: 0.4, plot_max_px: [1000, 800], crop: true, format, scale }
     }
 }
 

@@ -3,7 +3,8 @@
 //! Pure: data in, bytes of a PNG or SVG file out; no file, no clock. Invariants:
 //! - y is up and x is right, in metres of the site, as everywhere in tog; cells are square.
 //! - One scale of colour for all classes of a map (0 to 100 % of the cell's observed frames), so
-//!   that pictures can be compared; it is printed beside the picture.
+//!   that pictures can be compared, unless [`Scale::Max`] is asked for; it is printed beside the
+//!   picture.
 //! - A cell that was never observed looks different (grey, hatched) from one whose share is 0.
 //! - The same input gives the same bytes. No size, name or number makes it panic: what cannot be
 //!   drawn is a [`FigureError`], what lies outside the picture is named under it.
@@ -15,6 +16,8 @@
 //! | `change.rs` | [`share_change`]: one class of two collapsed maps |
 //! | `class_map.rs` | [`class_map`]: the classes at one instant |
 //! | `overview.rs` | [`overview`]: leading classes, lasers, events, and a panel per class |
+//! | `class_panels.rs` | where the panels of an overview go |
+//! | `zones.rs` | named places on a map |
 //! | `panels.rs` | [`panels`]: up to six maps on one page, two by two, one scale of colour |
 //! | `sheet.rs` | the page round a map: title, axes, scale bar, colour bar, legend, caption |
 //! | `view.rs` | the window of the grid that is shown, and metres to pixels |
@@ -26,6 +29,7 @@
 mod canvas;
 mod change;
 mod class_map;
+mod class_panels;
 mod input;
 mod marks;
 mod overview;
@@ -37,12 +41,13 @@ mod sheet;
 mod text;
 mod vector;
 mod view;
+mod zones;
 
 pub use change::share_change;
 pub use class_map::class_map;
 pub use input::{
     ChangeMap, ClassGrid, ClassShare, EventMark, FileFormat, LaserMark, Options, OverviewMap,
-    ShareMap, shares,
+    Scale, ShareMap, ZoneMark, shares,
 };
 pub use overview::overview;
 pub use panels::{CircleMark, Panel, PanelSheet, panels};

@@ -51,6 +51,15 @@ pub(crate) fn diverging(change: f64) -> Rgb {
     [colour.r, colour.g, colour.b]
 }
 
+/// Outlines and names of zones.
+pub(crate) const ZONE: Rgb = [72, 52, 148];
+
+/// A cell of two maps that stayed as it was, from a share of 0 to one of 1: grey, as neither red nor
+/// blue, and pale beside them.
+pub(crate) fn unchanged(share: f64) -> Rgb {
+    mix([248, 248, 248], [158, 158, 158], share)
+}
+
 /// Cells that only the later, or only the earlier of two maps has observed.
 pub(crate) const NEWLY_OBSERVED: Rgb = [244, 232, 170];
 pub(crate) const NO_MORE_OBSERVED: Rgb = [176, 190, 166];

@@ -98,7 +98,7 @@ fn draw(page: &PanelSheet, lasers: &[LaserMark], options: &Options) -> Result<Sh
         caption: format!(
             "{}{}{}{}",
             page.caption,
-            gamma_text(options.gamma).replace("every class", "every panel"),
+            gamma_text(options.gamma, "panel"),
             sheet::reduction_text(&view, "the largest share of them"),
             sheet::outside_text("laser", &marks::lasers_outside(&view, lasers))
         ),
@@ -120,7 +120,7 @@ fn draw(page: &PanelSheet, lasers: &[LaserMark], options: &Options) -> Result<Sh
         20,
         (rows - 1) * pitch[1] + height,
     );
-    sheet.colour_bar(bar, options.gamma);
+    sheet.colour_bar(bar, options.gamma, 1.0);
     let y = corner.y + rows * pitch[1] + 4;
     let mut x = corner.x;
     let mut keys = vec![(Key::Never, "never observed")];
@@ -137,7 +137,7 @@ fn draw(page: &PanelSheet, lasers: &[LaserMark], options: &Options) -> Result<Sh
 /// Draws one panel where the view of the sheet is.
 fn one(sheet: &mut Sheet, panel: &Panel, lasers: &[LaserMark], gamma: f64) {
     let view = sheet.view;
-    view.paint_cells(&mut sheet.canvas, |cells| share::paint(&panel.share, cells, gamma));
+    view.paint_cells(&mut sheet.canvas, |cells| share::paint(&panel.share, cells, gamma, 1.0));
     marks::draw_small_lasers(&mut sheet.canvas, &view, lasers);
     for circle in &panel.circles {
         if let Some([x, y]) = view.px(circle.x_m, circle.y_m) {

@@ -58,20 +58,36 @@ pub(crate) fn ticks(
     Vec::new()
 }
 
-/// Shares that are written on the colour bar, most important first: both ends, then the others.
-const SHARE_MARKS: [f64; 10] = [0.0, 1.0, 0.01, 0.1, 0.5, 0.25, 0.001, 0.05, 0.75, 0.02];
+/// Shares that are written on the colour bar, most important first, between both ends.
+const SHARE_MARKS: [f64; 8] = [0.01, 0.1, 0.5, 0.25, 0.001, 0.05, 0.75, 0.02];
 
-/// Marks of the colour bar: (share, text), those that keep `spacing` apart of a bar of length 1.
-pub(crate) fn share_marks(gamma: f64, spacing: f64) -> Vec<(f64, String)> {
-    let mut kept: Vec<f64> = Vec::new();
-    for share in SHARE_MARKS {
-        let clear = |k: &f64| (k.powf(gamma) - share.powf(gamma)).abs() >= spacing;
-        if kept.iter().all(clear) {
-            kept.push(share);
+/// Place of a share on a bar that ends at the share `top`, 0..=1.
+pub(crate) fn place(share: f64, top: f64, gamma: f64) -> f64 {
+    (share / top).clamp(0.0, 1.0).powf(gamma)
+}
+
+/// Marks of the colour bar from 0 to the share `top`, 0 < top <= 1: (place 0..=1, text), those that
+/// keep `spacing` apart of a bar of length 1.
+pub(crate) fn share_marks(gamma: f64, top: f64, spacing: f64) -> Vec<(f64, String)> {
+    let mut kept: Vec<(f64, String)> = vec![(0.0, percent(0.0)), (1.0, percent_of_top(top))];
+    for share in SHARE_MARKS.into_iter().filter(|share| *share < top) {
+        let at = place(share, top, gamma);
+        if kept.iter().all(|(other, _)| (other - at).abs() >= spacing) {
+            kept.push((at, percent(share)));
         }
     }
-    kept.sort_unstable_by(f64::total_cmp);
-    kept.into_iter().map(|share| (share, percent(share))).collect()
+    kept.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    kept
+}
+
+/// The share at the end of a colour bar: it is seldom round.
+pub(crate) fn percent_of_top(share: f64) -> String {
+    match share {
+        s if s >= 0.995 => "100 %".to_owned(),
+        s if s >= 0.0995 => format!("{:.0} %", s * 100.0),
+        s if s >= 0.00995 => format!("{:.1} %", s * 100.0),
+        s => format!("{:.3} %", s * 100.0),
+    }
 }
 
 /// A share as text: 0.1 %, 25 %.
@@ -85,6 +101,7 @@ pub(crate) fn percent(share: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
@@ -110,12 +127,21 @@ mod tests {
     }
 
     #[test]
+    fn a_bar_that_ends_at_the_largest_share_names_it() {
+        let marks = share_marks(1.0, 0.0234, 0.1);
+        assert_eq!(marks.last().unwrap(), &(1.0, "2.3 %".to_owned()));
+        let one = marks.iter().find(|(_, text)| text == "1 %").unwrap();
+        assert!((one.0 - 0.01 / 0.0234).abs() < 1e-12);
+        assert!(marks.iter().all(|(at, _)| (0.0..=1.0).contains(at)), "{marks:?}");
+    }
+
+    #[test]
     fn both_ends_are_on_the_colour_bar_whatever_its_length() {
         for spacing in [0.02, 0.1, 0.5, 0.9] {
-            let marks = share_marks(0.4, spacing);
+            let marks = share_marks(0.4, 1.0, spacing);
             assert_eq!(marks.first().map(|m| m.1.as_str()), Some("0 %"));
             assert_eq!(marks.last().map(|m| m.1.as_str()), Some("100 %"));
         }
-        assert!(share_marks(0.4, 0.03).iter().any(|m| m.1 == "0.1 %"));
+        assert!(share_marks(0.4, 1.0, 0.03).iter().any(|m| m.1 == "0.1 %"));
     }
 }

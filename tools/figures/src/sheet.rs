@@ -1,10 +1,10 @@
 //! The page round a map: title, axes, scale bar, colour bar, legend, caption.
 
 use crate::FigureError;
-use crate::canvas::{Canvas, FAINT, INK, Rect, Rgb};
+use crate::canvas::{Canvas, FAINT, INK, Rect, Rgb, WHITE};
 use crate::input::FileFormat;
 use crate::marks;
-use crate::palette::viridis;
+use crate::palette::{ZONE, viridis};
 use crate::scale;
 use crate::text::{Anchor, Face, Style};
 use crate::view::View;
@@ -127,12 +127,11 @@ impl Sheet {
         self.face.draw(&mut self.canvas, &text, x + length + 8, y, style);
     }
 
-    /// The scale of shares as a bar in `bar`, with numbers to its right and a title beside them.
-    pub fn colour_bar(&mut self, bar: Rect, gamma: f64) {
+    /// The scale of shares from 0 to `top` as a bar in `bar`, with numbers to its right and a title
+    /// beside them.
+    pub fn colour_bar(&mut self, bar: Rect, gamma: f64, top: f64) {
         let spacing = 18.0 / f64::from((bar.height - 1).max(1));
-        let marks = scale::share_marks(gamma, spacing);
-        let marks: Vec<(f64, String)> =
-            marks.into_iter().map(|(share, text)| (share.powf(gamma), text)).collect();
+        let marks = scale::share_marks(gamma, top, spacing);
         let titles = ["share of the observed frames", "share of frames", "share"];
         self.bar(bar, viridis, &marks, &titles);
     }
@@ -174,6 +173,10 @@ impl Sheet {
                 Key::Colour(colour) => self.canvas.fill(swatch, *colour),
                 Key::Never => self.canvas.fill_hatched(swatch),
                 Key::Laser => marks::legend_arrow(&mut self.canvas, x + 9, y),
+                Key::Zone => {
+                    self.canvas.fill(swatch, ZONE);
+                    self.canvas.fill(swatch.grown(-2), WHITE);
+                }
                 Key::Event(n) => marks::disc(&mut self.canvas, &self.face, *n, x + 11, y),
             }
             if matches!(key, Key::Colour(_) | Key::Never) {
@@ -188,6 +191,11 @@ impl Sheet {
             y += key_height_px(lines.len());
         }
     }
+}
+
+/// Width that [`Sheet::legend`] with these keys needs, at most `width`, pixels.
+pub(crate) fn legend_width_px(face: &Face, width: i32, keys: &[(Key, String)]) -> i32 {
+    keys.iter().map(|(_, text)| 30 + face.width(text, TEXT_PX)).max().unwrap_or(0).min(width)
 }
 
 /// Height of [`Sheet::legend`] with these keys, pixels.
@@ -214,6 +222,7 @@ pub(crate) enum Key {
     Colour(Rgb),
     Never,
     Laser,
+    Zone,
     Event(usize),
 }
 
@@ -261,7 +270,7 @@ mod tests {
     fn the_colour_bar_ends_in_the_colours_of_zero_and_one() {
         let mut sheet = sheet();
         let bar = Rect::new(450, 60, 20, 300);
-        sheet.colour_bar(bar, 0.4);
+        sheet.colour_bar(bar, 0.4, 1.0);
         assert_eq!(sheet.canvas.pixel(460, 60), Some(viridis(1.0)));
         assert_eq!(sheet.canvas.pixel(460, 359), Some(viridis(0.0)));
         // The mark of 10 % stands at the colour that a cell with a share of 10 % has.

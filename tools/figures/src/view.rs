@@ -1,6 +1,6 @@
 //! The window of a grid that a picture shows, and the way from metres to pixels.
 
-use crate::canvas::{Canvas, Rect, Rgb, WHITE};
+use crate::canvas::{Canvas, Rect, Rgb};
 use protocol::geometry::GridGeometry;
 
 /// A cell is at most this wide: larger squares show nothing more.
@@ -33,16 +33,21 @@ pub(crate) struct View {
     at: [i32; 2],
 }
 
-impl View {
-    /// Shows the cells for which `observed` holds and the points `keep_m` near the grid (or the
-    /// whole grid, if nothing was observed or `observed` is `None`) in at most `max_px` and, by
-    /// showing space outside the grid, at least `min_px`.
+/// The part of a grid that is to be shown: found once, fitted into pictures of any size.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    grid: GridGeometry,
+    /// First and last column, first and last row.
+    span: [[i64; 2]; 2],
+}
+
+impl Window {
+    /// The cells for which `observed` holds and the points `keep_m` near the grid, or the whole
+    /// grid, if nothing was observed or `observed` is `None`.
     pub fn new(
         grid: &GridGeometry,
         observed: Option<&dyn Fn(usize) -> bool>,
         keep_m: &[[f64; 2]],
-        min_px: [i32; 2],
-        max_px: [i32; 2],
     ) -> Self {
         let whole = [[0, i64::from(grid.columns) - 1], [0, i64::from(grid.rows) - 1]];
         let mut span = observed.and_then(|o| observed_span(grid, o)).unwrap_or(whole);
@@ -52,25 +57,54 @@ impl View {
             *side = [side[0].max(whole[axis][0]), side[1].min(whole[axis][1])];
         }
         keep_points(grid, keep_m, &mut span);
+        Self { grid: *grid, span }
+    }
+
+    /// It in at most `max_px` and, by showing more cells, or space outside the grid, at least
+    /// `min_px`.
+    pub fn view(&self, min_px: [i32; 2], max_px: [i32; 2]) -> View {
+        let Self { grid, span } = *self;
         let cells = span.map(|s| s[1] - s[0] + 1);
         let fits = |axis: usize| i64::from(max_px[axis]) / cells[axis];
         let cell_px = fits(0).min(fits(1)).clamp(1, i64::from(CELL_MAX_PX)) as i32;
         let needs = |axis: usize| (cells[axis] as u64).div_ceil(max_px[axis].max(1) as u64) as i64;
         let reduction = needs(0).max(needs(1)).max(1);
-        let mut view =
-            Self { grid: *grid, first: span.map(|s| s[0]), cells, cell_px, reduction, at: [0; 2] };
+        let first = span.map(|s| s[0]);
+        let mut view = View { grid, first, cells, cell_px, reduction, at: [0; 2] };
         for (axis, min_px) in min_px.into_iter().enumerate() {
             view.widen(axis, min_px);
         }
         view
     }
+}
 
-    /// Adds cells on both sides until the window is `min_px` long.
+impl View {
+    /// [`Window::new`] and [`Window::view`] in one.
+    pub fn new(
+        grid: &GridGeometry,
+        observed: Option<&dyn Fn(usize) -> bool>,
+        keep_m: &[[f64; 2]],
+        min_px: [i32; 2],
+        max_px: [i32; 2],
+    ) -> Self {
+        Window::new(grid, observed, keep_m).view(min_px, max_px)
+    }
+
+    /// Adds cells on both sides until the window is `min_px` long; where one side of the grid ends,
+    /// on the other, so that no space outside it is shown while there is more of it.
     fn widen(&mut self, axis: usize, min_px: i32) {
         let wanted = (i64::from(min_px) * self.reduction).div_euclid(i64::from(self.cell_px)) + 1;
         let missing = (wanted - self.cells[axis]).max(0);
         if self.size_px()[axis] < min_px {
-            self.first[axis] -= missing / 2;
+            let side = i64::from([self.grid.columns, self.grid.rows][axis]);
+            let last = self.first[axis] + self.cells[axis] - 1;
+            let (before, after) = (self.first[axis].max(0), (side - 1 - last).max(0));
+            let outside = missing - before - after;
+            let left = match outside > 0 {
+                true => before + outside / 2,
+                false => (missing / 2).clamp((missing - after).max(0), before.min(missing)),
+            };
+            self.first[axis] -= left;
             self.cells[axis] += missing;
         }
     }
@@ -145,8 +179,9 @@ impl View {
                     self.cell_px,
                     self.cell_px,
                 );
+                // What lies outside the grid was never observed either.
                 if indices.is_empty() {
-                    canvas.fill(square, WHITE);
+                    canvas.fill_hatched(square);
                     continue;
                 }
                 match paint(&indices) {
@@ -254,6 +289,17 @@ mod tests {
         assert_eq!(view.span_m(0), [10.0, 16.5]);
         let far = View::new(&GRID, Some(&observed), &[[1e300, f64::NAN]], [1, 1], [500, 500]);
         assert_eq!(far.span_m(0), [14.0, 16.5]);
+    }
+
+    #[test]
+    fn a_window_at_the_edge_of_the_grid_is_widened_into_it_not_out_of_it() {
+        for (column, first_m, last_m) in [(0, 10.0, 15.0), (19, 15.0, 20.0), (10, 12.5, 17.5)] {
+            let observed = |i: usize| i == GRID.index(column, 4);
+            let view = View::new(&GRID, Some(&observed), &[], [480, 1], [480, 480]);
+            let [low, high] = view.span_m(0);
+            assert!((high - low) >= last_m - first_m - 0.01, "{low} {high}");
+            assert!(low >= 10.0 && high <= 20.0, "column {column}: {low} to {high}");
+        }
     }
 
     #[test]

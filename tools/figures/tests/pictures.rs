@@ -3,7 +3,7 @@
 
 use figures::{
     ChangeMap, ClassGrid, ClassShare, EventMark, FileFormat, LaserMark, Options, OverviewMap,
-    ShareMap, class_map, class_share, overview, share_change,
+    Scale, ShareMap, ZoneMark, class_map, class_share, overview, share_change,
 };
 use proptest::prelude::*;
 use protocol::geometry::GridGeometry;
@@ -120,10 +120,44 @@ fn long_titles_and_names_are_cut_not_clipped() {
     let picture = Picture::of(&class_share(&map, &lasers, &Options::default()).unwrap());
     assert!(picture.edge_is_blank() && picture.height() < 1000);
     let event = EventMark { x_m: -2.6, y_m: 13.1, label: long.clone() };
+    let zones = vec![ZoneMark {
+        name: long.clone(),
+        polygon_m: vec![[-3.0, 12.0], [9.0, 12.6], [-2.0, 13.0]],
+    }];
     let classes = vec![ClassShare { id: 1, name: long, share: map.share.clone() }; 7];
-    let map = OverviewMap { grid: map.grid, classes, title: map.title, subtitle: map.subtitle };
+    let map =
+        OverviewMap { grid: map.grid, classes, title: map.title, subtitle: map.subtitle, zones };
     let bytes = overview(&map, &lasers, &vec![event; 99], &Options::default()).unwrap();
     assert!(Picture::of(&bytes).edge_is_blank());
+}
+
+#[test]
+fn an_overview_is_no_wider_than_a_screen_whatever_the_form_of_the_map() {
+    for (columns, rows) in [(64, 56), (20, 110), (110, 20), (300, 300), (1000, 400), (5, 5)] {
+        let share = vec![0.5; grid(columns, rows).cells()];
+        let class = |id| ClassShare { id, name: format!("class {id}"), share: share.clone() };
+        let map = OverviewMap {
+            grid: grid(columns, rows),
+            classes: (0..6).map(class).collect(),
+            title: "hall".into(),
+            subtitle: String::new(),
+            zones: vec![],
+        };
+        let bytes = overview(&map, &[], &[], &Options::default()).unwrap();
+        let picture = Picture::of(&bytes);
+        assert!(picture.width <= 1600, "{columns} x {rows}: {} px", picture.width);
+        assert!(picture.edge_is_blank());
+    }
+}
+
+#[test]
+fn a_scale_up_to_the_largest_share_shows_it_as_strongly_as_another_shows_all() {
+    let map = share_map(grid(10, 10), |i| if i == 55 { 0.02 } else { 0.0 });
+    let yellow = |scale| {
+        let options = Options { scale, ..Options::default() };
+        Picture::of(&class_share(&map, &[], &options).unwrap()).find(YELLOW).len()
+    };
+    assert!(yellow(Scale::Max) >= yellow(Scale::Full) + 48 * 48);
 }
 
 #[test]
@@ -133,6 +167,7 @@ fn an_overview_without_classes_is_refused_in_words() {
         classes: vec![],
         title: String::new(),
         subtitle: String::new(),
+        zones: vec![],
     };
     let text = overview(&map, &[], &[], &Options::default()).unwrap_err().to_string();
     assert!(text.contains("0 classes"), "{text}");
@@ -182,7 +217,7 @@ proptest! {
 
         let class = |id| ClassShare { id, name: title.clone(), share: map.share.clone() };
         let whole = OverviewMap {
-            grid, classes: (0..observed as u8).map(class).collect(), title, subtitle: String::new(),
+            grid, classes: (0..observed as u8).map(class).collect(), title, subtitle: String::new(), zones: vec![],
         };
         let events: Vec<EventMark> = lasers
             .iter()

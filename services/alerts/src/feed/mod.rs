@@ -1,6 +1,6 @@
 //! The feed: whoever connects is told every change after a cursor, then every new one.
 //!
-//! One line of JSON each way. A client says, within 10 s of connecting, one of
+//! One line of JSON each way. A client says, within 5 s of connecting, one of
 //! ```json
 //! {"after": 17}
 //! {"after": null}
@@ -43,7 +43,7 @@ const PAGE_ROWS: usize = 16;
 /// Longest line from a client: `{"after":18446744073709551615}` with room for spaces.
 const REQUEST_BYTES_MAX: usize = 256;
 /// How long a client may take to say what it wants.
-pub const GREETING_NS: u64 = 10 * SECOND_NS;
+pub const GREETING_NS: u64 = 5 * SECOND_NS;
 /// How long a client may take nothing while something waits for it: a person who halts a terminal
 /// to read has half a minute, a program that hangs does not hold a place for ever.
 pub const STALL_NS: u64 = 30 * SECOND_NS;
@@ -241,7 +241,7 @@ impl Feed {
             }
             match client.state {
                 State::Greeting { .. } => client.close(
-                    "no request for 10 s, expected {\"after\": 17} or {\"after\": null}",
+                    "no request for 5 s, expected {\"after\": 17} or {\"after\": null}",
                     mono_ns,
                 ),
                 State::Streaming { .. } => {

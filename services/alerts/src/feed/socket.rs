@@ -240,7 +240,7 @@ fn send(connection: &mut Connection, feed: &mut Feed, mono_ns: u64) -> std::io::
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::feed::{QUEUE_BYTES_MAX, STALL_NS};
+    use crate::feed::{CLIENTS_MAX, QUEUE_BYTES_MAX, STALL_NS};
     use crate::keeper::{Keeper, Now};
     use crate::testing::change;
     use std::io::BufRead;
@@ -313,6 +313,29 @@ mod tests {
         drop(client);
         service.turn(3);
         assert!(service.feed.feed().is_empty());
+    }
+
+    #[test]
+    fn connections_that_say_nothing_do_not_keep_the_places_of_the_feed() {
+        let mut service = Service::new();
+        service.append(1..=1);
+        let path = service.directory.path().join(SOCKET_FILE);
+        let mut silent: Vec<_> =
+            (0..CLIENTS_MAX).map(|_| UnixStream::connect(&path).unwrap()).collect();
+        // Half a request is none, and saying ever more of it buys no time.
+        silent[0].write_all(b"{").unwrap();
+        service.turn(1);
+        assert_eq!(service.feed.feed().len(), CLIENTS_MAX);
+        let due_ns = service.feed.deadline_ns().unwrap();
+        assert!(due_ns <= 5_000_000_001, "within seconds: {due_ns}");
+        silent[0].write_all(b" ").unwrap();
+        service.turn(due_ns);
+        assert!(service.feed.feed().is_empty());
+        let mut client = service.connect();
+        (0..2).for_each(|_| service.turn(due_ns + 1)); // it is accepted, then heard
+        let mut got = Vec::new();
+        read(&mut client, &mut got);
+        assert_eq!(ids(&got), [1]);
     }
 
     #[test]

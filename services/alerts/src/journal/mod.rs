@@ -166,8 +166,14 @@ impl Journal {
         let io = |error: std::io::Error| JournalError::from_io(&self.path, &error);
         let _ = std::fs::remove_file(&beside); // of an attempt that failed
         let target = beside.to_string_lossy();
-        self.run(|connection| connection.execute("VACUUM INTO ?1", [target.as_ref()]))?;
-        std::fs::rename(&beside, &self.path).map_err(io)?;
+        let copied = self
+            .run(|connection| connection.execute("VACUUM INTO ?1", [target.as_ref()]))
+            .and_then(|_| std::fs::rename(&beside, &self.path).map_err(io));
+        if let Err(error) = copied {
+            // Half a copy is of no use, and may hold the last space of the disk.
+            let _ = std::fs::remove_file(&beside);
+            return Err(error);
+        }
         // The old file is closed first, so that it does not clear away the log of the new one.
         let nothing = Connection::open_in_memory();
         self.connection = nothing.map_err(|error| JournalError::from_sqlite(&self.path, &error))?;

@@ -249,6 +249,20 @@ impl Keeper {
         report
     }
 
+    /// Looks whether the journal is still in its place, and puts it back if somebody removed it: not
+    /// only when the next event comes, which may be tomorrow. One look at a directory entry.
+    pub fn look(&mut self, now: Now) -> Report {
+        let mut report = Report::default();
+        // In trouble, the next try of the disk looks.
+        if self.trouble.is_none() {
+            if let Err(error) = self.restore_if_removed(now, &mut report) {
+                self.fail(&error, now, &mut report);
+            }
+            self.settle(now, &mut report);
+        }
+        report
+    }
+
     /// What is wrong now.
     #[must_use]
     pub fn faults(&self) -> Vec<Fault> {

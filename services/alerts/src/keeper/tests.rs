@@ -216,6 +216,22 @@ fn a_journal_that_somebody_removes_while_running_is_written_again() {
 }
 
 #[test]
+fn a_journal_that_is_removed_is_back_before_the_next_event() {
+    let directory = tempfile::tempdir().unwrap();
+    let state = directory.path().join("state");
+    let path = state.join(JOURNAL_FILE);
+    let (mut keeper, _) = Keeper::open(&path, now(0)).unwrap();
+    keeper.offer(vec![change("foyer", 1)], now(1));
+    assert!(told(&keeper.look(now(2))).is_empty(), "all is well");
+    std::fs::remove_dir_all(&state).unwrap();
+    let report = keeper.look(now(3));
+    assert!(report.warnings[0].contains("was removed while the site runs"), "{report:?}");
+    assert_eq!(told(&report), [(ORIGIN, 1, true), (ORIGIN, 2, true)]);
+    let reader = Journal::open_read_only(&path).unwrap();
+    assert_eq!(reader.after(0, 10).unwrap().len(), 3);
+}
+
+#[test]
 fn another_file_in_the_place_of_the_journal_is_not_written() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join(JOURNAL_FILE);

@@ -204,7 +204,11 @@ impl Keeper {
     }
 
     /// A journal whose file somebody removed would take writes that nobody can ever read.
-    fn restore_if_removed(&mut self, now: Now, report: &mut Report) -> Result<(), JournalError> {
+    pub(super) fn restore_if_removed(
+        &mut self,
+        now: Now,
+        report: &mut Report,
+    ) -> Result<(), JournalError> {
         let Some(journal) = &mut self.journal else { return Ok(()) };
         if !journal.restore_if_removed()? {
             return Ok(());

@@ -6,7 +6,8 @@ use crate::testing::change;
 
 fn watcher(format: Format, after: Option<u64>) -> Watcher {
     let (socket, timezone) = (PathBuf::new(), "UTC".to_owned());
-    Watcher::new(&WatchOptions { socket, timezone, format, after }).unwrap()
+    let (site, journal) = ("lab".to_owned(), PathBuf::new());
+    Watcher::new(&WatchOptions { site, journal, socket, timezone, format, after }).unwrap()
 }
 
 fn row(journal_id: u64, sequence: u64) -> String {
