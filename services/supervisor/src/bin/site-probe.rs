@@ -159,8 +159,8 @@ fn mapper(worker: &mut Worker) -> Result<(), Failure> {
             worker.health.set_state(ServiceState::Running);
             worker.health.tell();
             // Who dies in the same millisecond was never ready: the supervisor has to hear it first.
-            let until_ns = process::monotonic_ns() + 300_000_000;
-            while process::monotonic_ns() < until_ns {
+            let until_ns = monotonic_ns() + 300_000_000;
+            while monotonic_ns() < until_ns {
                 if worker.wait(Some(until_ns))?.stop {
                     return Ok(());
                 }
