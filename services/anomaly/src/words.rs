@@ -102,7 +102,7 @@ fn reading(role: Role) -> &'static str {
         Role::Empty => "nothing is there",
         Role::Transit => "something passes by",
         Role::Passing => "something came there a moment ago",
-        Role::Lingering => "something stands there since a short time",
+        Role::Lingering => "something has stood there for a short time",
         Role::Vacated => "what stood there for long is not there now",
         Role::Fixed => "something stands there and does not move",
         Role::Unknown => "nothing is observed",
