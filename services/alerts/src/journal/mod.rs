@@ -55,13 +55,14 @@ impl Journal {
     /// Opens the journal for writing, begins it if there is none, brings an old layout up to date.
     /// A damaged file is set aside and a new one begun; the damage is returned and must be said.
     ///
-    /// `now_ns` (UNIX) names the file set aside. Journal ids of the new file begin at the
-    /// milliseconds of `now_ns`, so that cursors of clients stay behind them.
+    /// `now_ns` (UNIX) names the file set aside. Journal ids of a new file begin at the
+    /// milliseconds of `now_ns`: a cursor into a journal that was here before, damaged or deleted,
+    /// stays behind them, so its owner misses nothing of the new one.
     ///
     /// # Errors
     /// All but [`JournalError::Damaged`] and [`JournalError::Missing`].
     pub fn open(path: &Path, now_ns: u64) -> Result<(Self, Option<Damage>), JournalError> {
-        match Self::open_sound(path) {
+        match Self::open_sound(path, now_ns) {
             Err(JournalError::Damaged { detail, .. }) => {
                 let (journal, damage) = Self::begin_anew(path, now_ns, detail)?;
                 Ok((journal, Some(damage)))
@@ -82,18 +83,11 @@ impl Journal {
         reason: String,
     ) -> Result<(Self, Damage), JournalError> {
         let kept_as = damage::set_aside(path, now_ns)?;
-        let journal = Self::open_sound(path)?;
-        let first_id = i64::try_from(now_ns / protocol::time::MILLISECOND_NS).unwrap_or(i64::MAX);
-        journal.run(|connection| {
-            connection.execute(
-                "INSERT INTO sqlite_sequence (name, seq) VALUES ('event_change', ?1)",
-                [first_id],
-            )
-        })?;
+        let journal = Self::open_sound(path, now_ns)?;
         Ok((journal, Damage { kept_as, reason }))
     }
 
-    fn open_sound(path: &Path) -> Result<Self, JournalError> {
+    fn open_sound(path: &Path, now_ns: u64) -> Result<Self, JournalError> {
         let io = |error: std::io::Error| JournalError::from_io(path, &error);
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent).map_err(io)?;
@@ -109,7 +103,8 @@ impl Journal {
         (|| {
             connection.pragma_update(None, "journal_mode", "WAL")?;
             connection.pragma_update(None, "synchronous", "FULL")?;
-            schema::migrate(&mut connection, version)
+            let first_id = integer(now_ns / protocol::time::MILLISECOND_NS);
+            schema::migrate(&mut connection, version, first_id)
         })()
         .map_err(sqlite)?;
         if is_new {
@@ -177,7 +172,7 @@ impl Journal {
         // The old file is closed first, so that it does not clear away the log of the new one.
         let nothing = Connection::open_in_memory();
         self.connection = nothing.map_err(|error| JournalError::from_sqlite(&self.path, &error))?;
-        *self = Self::open_sound(&self.path)?;
+        *self = Self::open_sound(&self.path, 0)?; // it has its tables: nothing begins
         Ok(true)
     }
 
@@ -424,7 +419,8 @@ fn advance(transaction: &Transaction<'_>, origin: &str, floor: i64) -> rusqlite:
 }
 
 fn head(connection: &Connection) -> rusqlite::Result<u64> {
-    let sql = "SELECT coalesce(max(journal_id), 0) FROM event_change";
+    // Of an empty journal the id before its first: see `Journal::open`.
+    let sql = "SELECT coalesce(max(seq), 0) FROM sqlite_sequence WHERE name = 'event_change'";
     let head: i64 = connection.prepare_cached(sql)?.query_row([], |row| row.get(0))?;
     Ok(head.unsigned_abs())
 }

@@ -54,11 +54,21 @@ CREATE VIEW event AS                            -- one row a happening: its newe
 /// The version that this program writes.
 pub(super) const VERSION: i64 = MIGRATIONS.len() as i64;
 
-/// Applies the migrations that are missing.
-pub(super) fn migrate(connection: &mut Connection, from_version: i64) -> rusqlite::Result<()> {
+/// Applies the migrations that are missing; rows of a new journal get ids above `first_id`.
+pub(super) fn migrate(
+    connection: &mut Connection,
+    from_version: i64,
+    first_id: i64,
+) -> rusqlite::Result<()> {
     for (n, sql) in MIGRATIONS.iter().enumerate().skip(from_version.max(0) as usize) {
         let transaction = connection.transaction()?;
         transaction.execute_batch(sql)?;
+        if n == 0 {
+            transaction.execute(
+                "INSERT INTO sqlite_sequence (name, seq) VALUES ('event_change', ?1)",
+                [first_id],
+            )?;
+        }
         transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
         transaction.pragma_update(None, "user_version", n as i64 + 1)?;
         transaction.commit()?;

@@ -4,6 +4,8 @@ use crate::testing::change;
 use protocol::event::{EventKind, EventState};
 
 const NOW_NS: u64 = 1_795_000_000_000_000_000;
+/// The rows of a new journal get ids above this one.
+const BEGIN: u64 = NOW_NS / 1_000_000;
 
 fn open(directory: &tempfile::TempDir) -> Journal {
     let (journal, damage) = Journal::open(&directory.path().join(JOURNAL_FILE), NOW_NS).unwrap();
@@ -17,18 +19,19 @@ fn a_change_is_journaled_once_and_survives_a_restart() {
     let mut journal = open(&directory);
     let first = [change("foyer", 1), change("foyer", 2), change("yard", 1)];
     let outcome = journal.append(&first, NOW_NS).unwrap();
-    assert_eq!(outcome, Appended { appended: 3, duplicates: 0, conflicts: 0, head: 3 });
+    assert_eq!(outcome, Appended { appended: 3, duplicates: 0, conflicts: 0, head: BEGIN + 3 });
     drop(journal);
 
     let mut journal = open(&directory);
     let again = [change("foyer", 2), change("foyer", 3)];
     let outcome = journal.append(&again, NOW_NS + 5).unwrap();
-    assert_eq!(outcome, Appended { appended: 1, duplicates: 1, conflicts: 0, head: 4 });
+    assert_eq!(outcome, Appended { appended: 1, duplicates: 1, conflicts: 0, head: BEGIN + 4 });
     let rows = journal.after(0, 100).unwrap();
-    assert_eq!(rows.iter().map(|row| row.journal_id).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    let ids: Vec<_> = rows.iter().map(|row| row.journal_id - BEGIN).collect();
+    assert_eq!(ids, [1, 2, 3, 4]);
     assert_eq!(rows[3].received_ns, NOW_NS + 5);
     assert_eq!(rows[3].change().unwrap(), change("foyer", 3));
-    assert_eq!(journal.after(2, 1).unwrap(), rows[2..3]);
+    assert_eq!(journal.after(BEGIN + 2, 1).unwrap(), rows[2..3]);
     assert_eq!(journal.origins().unwrap(), [("foyer".to_owned(), 3), ("yard".to_owned(), 1)]);
 }
 
@@ -149,6 +152,21 @@ fn a_damaged_journal_is_kept_aside_and_cursors_stay_behind_the_new_one() {
 }
 
 #[test]
+fn a_cursor_into_a_journal_that_was_deleted_misses_nothing_of_the_one_that_grew_past_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    let cursor = journal.append(&[change("foyer", 1), change("foyer", 2)], NOW_NS).unwrap().head;
+    drop(journal);
+    let path = directory.path().join(JOURNAL_FILE);
+    std::fs::remove_file(&path).unwrap();
+    let (mut journal, _) = Journal::open(&path, NOW_NS + 1_000_000_000).unwrap();
+    assert!(journal.head().unwrap() > cursor, "an empty one is not behind the cursor either");
+    let changes: Vec<EventChange> = (3..9).map(|sequence| change("foyer", sequence)).collect();
+    journal.append(&changes, NOW_NS).unwrap();
+    assert_eq!(journal.after(cursor, 100).unwrap().len(), changes.len());
+}
+
+#[test]
 fn a_cut_file_and_a_file_of_garbage_are_damage() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join(JOURNAL_FILE);
@@ -193,7 +211,7 @@ fn a_full_disk_refuses_all_of_an_append_and_takes_it_when_there_is_room() {
     let error = journal.append(&changes, NOW_NS).unwrap_err();
     assert!(matches!(error, JournalError::Full { .. }), "{error}");
     assert!(error.to_string().contains("free space"), "{error}");
-    assert_eq!(journal.head().unwrap(), 1);
+    assert_eq!(journal.head().unwrap(), BEGIN + 1);
     journal.set_pages_max(100_000).unwrap();
     assert_eq!(journal.append(&changes, NOW_NS).unwrap().appended, 98);
 }
@@ -206,11 +224,11 @@ fn a_reader_works_beside_the_writer_and_without_it() {
     let mut journal = open(&directory);
     journal.append(&[change("foyer", 1)], NOW_NS).unwrap();
     let reader = Journal::open_read_only(&path).unwrap();
-    assert_eq!(reader.head().unwrap(), 1);
+    assert_eq!(reader.head().unwrap(), BEGIN + 1);
     journal.append(&[change("foyer", 2)], NOW_NS).unwrap();
-    assert_eq!(reader.head().unwrap(), 2);
+    assert_eq!(reader.head().unwrap(), BEGIN + 2);
     drop((journal, reader));
-    assert_eq!(Journal::open_read_only(&path).unwrap().head().unwrap(), 2);
+    assert_eq!(Journal::open_read_only(&path).unwrap().head().unwrap(), BEGIN + 2);
 }
 
 #[test]
