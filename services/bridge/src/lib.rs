@@ -30,8 +30,10 @@
 //! | when has a desk everything | [`follower`], pure |
 //! | how is the own journal told | `teller`, `feed_line` |
 //! | what is known of the other hosts | [`remote`], pure |
+//! | how far are their clocks from ours | [`clock_difference`], pure |
 //! | where does a desk go on after a restart | `cursor` |
 
+pub mod clock_difference;
 mod cursor;
 mod feed_line;
 pub mod follower;

@@ -2,6 +2,7 @@
 //!
 //! Pure: the time is an argument (CLOCK_MONOTONIC, nanoseconds).
 
+use crate::clock_difference::ClockDifference;
 use protocol::health::{Health, ServiceState};
 use protocol::time::SECOND_NS;
 use std::collections::{BTreeMap, BTreeSet};
@@ -30,6 +31,8 @@ pub struct RemoteHost {
     start_ns: u64,
     heard_ns: Option<u64>,
     refused: u64,
+    /// How far its clock is from ours.
+    pub clock: ClockDifference,
 }
 
 impl RemoteHost {
@@ -43,6 +46,7 @@ impl RemoteHost {
             start_ns: mono_ns,
             heard_ns: None,
             refused: 0,
+            clock: ClockDifference::default(),
         }
     }
 

@@ -233,6 +233,7 @@ impl Bridge {
             match decode::<Health>(&bytes) {
                 Ok(health) => {
                     remote.heard(now_ns);
+                    remote.clock.observe(health.stamp_ns, wall_ns(), now_ns);
                     remote.health(health, now_ns);
                 }
                 Err(error) => {

@@ -47,7 +47,7 @@ impl Bridge {
 
     fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {
         let health = &mut worker.health;
-        for (host, remote) in self.hosts.iter().zip(&self.remote) {
+        for (host, remote) in self.hosts.iter().zip(&mut self.remote) {
             let Some(remote) = remote else { continue };
             let id = &host.id;
             let lost = remote.lost(now_ns, &host.endpoint);
@@ -55,6 +55,10 @@ impl Bridge {
             let unwell = remote.unwell(now_ns).filter(|_| self.me.desk && lost.is_none());
             health.set_fault(&format!("host_lost {id}"), lost);
             health.set_fault(&format!("host_unwell {id}"), unwell);
+            health.set_fault(&format!("clock_differs {id}"), remote.clock.fault(id));
+            if let Some(ahead_ns) = remote.clock.ahead_ns() {
+                health.gauge(&format!("clock_ahead_s {id}"), ahead_ns as f64 / 1e9);
+            }
             if let Some(age_s) = remote.age_s(now_ns) {
                 health.gauge(&format!("host_age_s {id}"), age_s);
             }
