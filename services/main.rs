@@ -32,7 +32,10 @@ fn main() -> ExitCode {
         Verb::Bag(arguments) => bag::run(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
-        Verb::Bridge(worker) => serve("bridge", &worker, bridge::run),
+        Verb::Bridge(worker) => {
+            bridge::guard::listen();
+            serve("bridge", &worker, bridge::run)
+        }
         Verb::Recorder(worker) => serve("recorder", &worker, recorder::run),
         Verb::Laser(worker) => serve("laser", &worker, laser::shell::run),
         Verb::Fusion(worker) => serve("fusion", &worker, fusion::shell::run),

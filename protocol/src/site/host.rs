@@ -31,6 +31,9 @@ pub struct Host {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Transport {
+    /// TLS, where both sides prove who they are by certificates of the site's authority (`tog certs`):
+    /// each host may say what is its own, and nothing else.
+    Tls,
     /// TCP as it is: whoever reaches the network reads everything and can speak as any host.
     PlainTcp,
 }
@@ -40,6 +43,12 @@ impl Site {
     #[must_use]
     pub fn has_bridges(&self) -> bool {
         self.hosts.len() > 1
+    }
+
+    /// True if the hosts prove to each other who they are; the rules see to it that all do or none.
+    #[must_use]
+    pub fn uses_tls(&self) -> bool {
+        self.hosts.iter().any(|host| host.transport == Transport::Tls)
     }
 
     /// A host by its id.

@@ -76,6 +76,11 @@ pub struct Site {
     #[serde(default = "default_state_dir")]
     #[schemars(length(min = 1, max = 1024))]
     pub state_dir: String,
+    /// Directory with the certificates of each host, where `transport = "tls"`: `site-ca.pem`,
+    /// `<host>.pem`, `<host>.key`; relative to the site file.
+    #[serde(default = "default_tls_dir")]
+    #[schemars(length(min = 1, max = 1024))]
+    pub tls_dir: String,
     /// Records what the site sees and says; off unless this section is there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recorder: Option<Recorder>,
@@ -165,6 +170,9 @@ fn default_timezone() -> String {
     "UTC".to_owned()
 }
 
+fn default_tls_dir() -> String {
+    "/etc/tog/tls".to_owned()
+}
 fn default_state_dir() -> String {
     "state".to_owned()
 }

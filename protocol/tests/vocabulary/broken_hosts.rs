@@ -78,7 +78,7 @@ error: `host[1]` lacks `transport`
 8 | [[host]]
   | ^^^^^^^^ expected `transport`
   |
-  = help: add `transport` ("plain-tcp"): How the bridges talk. There is no default: that nothing is encrypted must be said aloud.
+  = help: add `transport` ("tls" or "plain-tcp"): How the bridges talk. There is no default: that nothing is encrypted must be said aloud.
 
 lab.toml: 1 error
 "#,
@@ -89,15 +89,34 @@ lab.toml: 1 error
 fn a_transport_that_there_is_not_is_told() {
     drawn(
         "\"plain-tcp\"",
-        "\"tls\"",
+        "\"quic\"",
         r#"
-error: `host[0].transport` is "tls", expected "plain-tcp"
+error: `host[0].transport` is "quic", expected "tls" or "plain-tcp"
  --> lab.toml:6:13
   |
-6 | transport = "tls"
-  |             ^^^^^ expected "plain-tcp"
+6 | transport = "quic"
+  |             ^^^^^^ expected "tls" or "plain-tcp"
   |
   = help: How the bridges talk. There is no default: that nothing is encrypted must be said aloud.
+
+lab.toml: 1 error
+"#,
+    );
+}
+
+#[test]
+fn one_host_with_tls_and_one_without_cannot_talk() {
+    drawn(
+        "\"plain-tcp\"",
+        "\"tls\"",
+        r#"
+error: all hosts of a site talk in one way
+  --> lab.toml:11:13
+   |
+11 | transport = "plain-tcp"
+   |             ^^^^^^^^^^^ expected "tls", as the first host
+   |
+   = help: write the same `transport` at every host
 
 lab.toml: 1 error
 "#,

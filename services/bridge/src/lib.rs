@@ -20,23 +20,28 @@
 //!   health only of a process that the site file places there. What is refused is counted.
 //! - Callbacks of zenoh only move bytes into bounded queues ([`inbox`]); all else is one thread.
 //!
-//! **Who is on the other side nobody proves** (plain TCP): a host is believed to be what its key says.
-//! Mutual TLS is a later slice.
+//! - **Who is on the other side is proved by its certificate**, and it may say only what is its own
+//!   ([`access`]); what it tries besides is refused and told ([`guard`]). With `plain-tcp` nobody proves
+//!   anything: a host is believed to be what its key says.
 //!
 //! | question | where |
 //! |---|---|
 //! | what does zenoh do for us, with which settings | `link` |
 //! | what does the process do, in which order | `run` |
+//! | who may say what | [`access`], pure |
+//! | who tried without the right to | [`guard`] |
 //! | when has a desk everything | [`follower`], pure |
 //! | how is the own journal told | `teller`, `feed_line` |
 //! | what is known of the other hosts | [`remote`], pure |
 //! | how far are their clocks from ours | [`clock_difference`], pure |
 //! | where does a desk go on after a restart | `cursor` |
 
+pub mod access;
 pub mod clock_difference;
 mod cursor;
 mod feed_line;
 pub mod follower;
+pub mod guard;
 pub mod inbox;
 mod link;
 pub mod remote;

@@ -5,7 +5,9 @@
 //! must be the same everywhere) and dialled again every 0.5 to 1 s. TCP buffers are small, so that
 //! nothing old sits in the kernel in front of an event.
 
+use crate::access;
 use crate::inbox::{Ask, Inbox};
+use certificates::Files;
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::PAGE_BYTES_MAX;
 use protocol::scan::BEAMS_MAX;
@@ -56,7 +58,7 @@ pub struct Link {
 impl Link {
     /// Opens the session of host `me`: listens, dials the others in the background, for ever.
     /// `streams` are the scans that come here; `outgoing` the lasers whose scans go from here.
-    /// What comes is put into `inbox`.
+    /// What comes is put into `inbox`. `files` are read where the hosts use TLS.
     ///
     /// # Errors
     /// If the endpoint cannot be listened on.
@@ -66,12 +68,14 @@ impl Link {
         streams: &[Stream],
         outgoing: &[(usize, String)],
         inbox: &Arc<Inbox<Asker>>,
+        files: &Files,
     ) -> Result<Self, String> {
         let failed = |error: zenoh::Error| {
             let (id, endpoint) = (&me.id, &me.endpoint);
             format!("host {id} cannot listen on {endpoint}: {error}: is this host {id}?")
         };
-        let config = zenoh::Config::from_json5(&config(site, me).to_string()).map_err(failed)?;
+        let config =
+            zenoh::Config::from_json5(&config(site, me, files).to_string()).map_err(failed)?;
         let session = zenoh::open(config).wait().map_err(failed)?;
         let others = site.hosts.iter().enumerate().filter(|(_, host)| host.id != me.id);
         for (index, stream) in streams.iter().enumerate() {
@@ -211,16 +215,40 @@ fn answer(session: &zenoh::Session, key: String, inbox: &Arc<Inbox<Asker>>) -> R
         .map_err(|error| error.to_string())
 }
 
+/// Bytes that wait in the kernel, each way: what is there nothing more urgent can overtake.
+const SOCKET_BYTES: usize = 256 * 1024;
+
 fn locator(host: &Host) -> String {
-    match host.transport {
-        Transport::PlainTcp => {
-            format!("tcp/{}#so_sndbuf=262144;so_rcvbuf=262144", host.endpoint)
-        }
-    }
+    let protocol = match host.transport {
+        Transport::PlainTcp => "tcp",
+        Transport::Tls => "tls",
+    };
+    let endpoint = &host.endpoint;
+    format!("{protocol}/{endpoint}#so_sndbuf={SOCKET_BYTES};so_rcvbuf={SOCKET_BYTES}")
+}
+
+/// Both sides show their certificates, and hold the other's against the address that was dialled.
+fn tls(files: &Files) -> serde_json::Value {
+    json!({
+        "root_ca_certificate": files.ca,
+        "listen_certificate": files.certificate, "listen_private_key": files.key,
+        "connect_certificate": files.certificate, "connect_private_key": files.key,
+        "enable_mtls": true, "verify_name_on_connect": true, "close_link_on_expiration": true,
+    })
 }
 
 /// The configuration of a session: all that differs from what zenoh does by itself.
-fn config(site: &Site, me: &Host) -> serde_json::Value {
+fn config(site: &Site, me: &Host, files: &Files) -> serde_json::Value {
+    let mut config = plain_config(site, me);
+    if site.uses_tls() {
+        config["transport"]["link"]["protocols"] = json!(["tls"]);
+        config["transport"]["link"]["tls"] = tls(files);
+        config["access_control"] = access::control(site, me);
+    }
+    config
+}
+
+fn plain_config(site: &Site, me: &Host) -> serde_json::Value {
     let others: Vec<String> =
         site.hosts.iter().filter(|host| host.id != me.id).map(locator).collect();
     json!({
@@ -277,7 +305,8 @@ mod tests {
         }))
         .unwrap();
         site.hosts = vec![host("a", 1), host("b", 2), host("c", 3)];
-        let json = config(&site, &site.hosts[1]);
+        let files = Files::of("/etc/tog/tls".as_ref(), "b");
+        let json = config(&site, &site.hosts[1], &files);
         let dialled = json["connect"]["endpoints"].as_array().unwrap();
         let begins =
             |value: &serde_json::Value, with: &str| value.as_str().unwrap().starts_with(with);
@@ -292,6 +321,22 @@ mod tests {
             ("transport/link/tx/lease", "2000"),
             ("transport/link/rx/max_message_size", "1048576"),
             ("transport/unicast/max_sessions", "64"),
+        ] {
+            assert_eq!(read.get_json(key).unwrap(), expected, "{key}");
+        }
+        assert_eq!(read.get_json("access_control/enabled").unwrap(), "false");
+
+        site.hosts.iter_mut().for_each(|host| host.transport = Transport::Tls);
+        let json = config(&site, &site.hosts[1], &files);
+        assert!(begins(&json["connect"]["endpoints"][0], "tls/127.0.0.1:1#"));
+        let read = zenoh::Config::from_json5(&json.to_string()).unwrap();
+        for (key, expected) in [
+            ("transport/link/protocols", "[\"tls\"]"),
+            ("transport/link/tls/enable_mtls", "true"),
+            ("transport/link/tls/verify_name_on_connect", "true"),
+            ("transport/link/tls/listen_private_key", "\"/etc/tog/tls/b.key\""),
+            ("access_control/enabled", "true"),
+            ("access_control/default_permission", "\"deny\""),
         ] {
             assert_eq!(read.get_json(key).unwrap(), expected, "{key}");
         }

@@ -5,10 +5,12 @@ mod health;
 
 use crate::cursor::Shelf;
 use crate::follower::{Follower, Origins};
+use crate::guard::{self, Alarm};
 use crate::inbox::{Arrived, Inbox};
 use crate::link::{Asker, Link, Stream};
 use crate::remote::RemoteHost;
 use crate::teller::{Tell, Teller};
+use certificates::{Certificate, Files, Identity, common_name};
 use process::loss::LossCounter;
 use process::{
     Failure, Interest, Publisher, Role, Subscriber, Token, Worker, monotonic_ns, wall_ns,
@@ -92,6 +94,9 @@ struct Bridge {
     /// By the index of the host; none for this one.
     remote: Vec<Option<RemoteHost>>,
     looked_ns: u64,
+    /// Where the hosts use TLS.
+    certificate: Option<Certificate>,
+    alarm: Alarm,
     counters: Counters,
 }
 
@@ -134,7 +139,10 @@ impl Bridge {
         };
         let inbox = Arc::new(Inbox::new(streams.len())?);
         let bell = worker.events.watch(inbox.bell(), Interest::Read)?;
-        let link = Link::open(&site, &me, &streams, &sent, &inbox).map_err(Failure::Failed)?;
+        let files = Files::of(&worker.instance.resolve(&site.tls_dir), &me.id);
+        let certificate = certificate(&site, &me, &files)?;
+        let link =
+            Link::open(&site, &me, &streams, &sent, &inbox, &files).map_err(Failure::Failed)?;
         let count = site.hosts.len() - 1;
         tracing::info!("host {} listens on {} and looks for {count} more", me.id, me.endpoint);
         Ok(Self {
@@ -153,6 +161,8 @@ impl Bridge {
             hosts: site.hosts,
             me,
             inbox,
+            certificate,
+            alarm: Alarm::default(),
             counters: Counters::default(),
         })
     }
@@ -359,6 +369,22 @@ impl Bridge {
         let due = followers.chain(self.teller.deadline_ns()).chain([self.looked_ns + SECOND_NS]);
         due.min().unwrap_or(u64::MAX)
     }
+}
+
+/// The certificate of this host, as it is when the session opens; none where the hosts speak plain TCP.
+fn certificate(site: &Site, me: &Host, files: &Files) -> Result<Option<Certificate>, Failure> {
+    if !site.uses_tls() {
+        return Ok(None);
+    }
+    let others = site.hosts.iter().filter(|host| host.id != me.id);
+    guard::admit(others.map(|host| common_name(&site.name, &host.id)).collect());
+    let identity = Identity::new(&site.name, &me.id, &me.endpoint);
+    let now_s = (wall_ns() / SECOND_NS) as i64;
+    let examined = certificates::examine(files, &identity, now_s).map_err(|problems| {
+        let words: Vec<String> = problems.iter().map(ToString::to_string).collect();
+        Failure::Config(words.join("; "))
+    })?;
+    Ok(Some(examined))
 }
 
 /// The journals of all other hosts, from where the cursors are.

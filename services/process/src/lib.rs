@@ -57,6 +57,7 @@
 //! | `name_lock`, [`state_lock`] | one owner an instance, one writer a state directory |
 //! | [`file`] | reading what nobody vouches for |
 //! | [`clock`], [`latency`], [`health`], [`logging`] | time, how we are, what we say |
+//! | [`overhear`] | what a library says only in its log |
 
 pub mod bus;
 pub mod clock;
@@ -74,6 +75,7 @@ pub mod logging;
 pub mod loss;
 mod name_lock;
 mod node;
+pub mod overhear;
 pub mod plan;
 pub mod ports;
 pub mod publisher;

@@ -3,12 +3,15 @@
 //! not at all: the bridge says itself who cannot be reached.
 
 use crate::clock::wall_ns;
+use crate::overhear;
 use iceoryx2::prelude::{LogLevel, set_log_level};
 use std::fmt;
 use std::io::IsTerminal;
-use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer as _};
 
 /// Starts logging; a second call does nothing. Under a supervisor, which writes the time and the name of
 /// the service itself, lines have neither.
@@ -19,17 +22,20 @@ pub fn start() {
         .parse(format!("{wanted},iceoryx2_bb_loggers=warn,zenoh=off"))
         .unwrap_or_else(|_| EnvFilter::new("info,iceoryx2_bb_loggers=warn,zenoh=off"));
     set_log_level(LogLevel::Warn);
-    let lines = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(std::io::stderr)
         .with_target(false)
         .with_ansi(std::io::stderr().is_terminal());
-    // `try_init` fails if somebody else (a test) logs already: then that is where lines go.
-    let _ = if std::env::var_os(SUPERVISED).is_some() {
-        lines.without_time().try_init()
+    let lines = if std::env::var_os(SUPERVISED).is_some() {
+        lines.without_time().boxed()
     } else {
-        lines.with_timer(TimeOfDay).try_init()
+        lines.with_timer(TimeOfDay).boxed()
     };
+    // `try_init` fails if somebody else (a test) logs already: then that is where lines go.
+    let _ = tracing_subscriber::registry()
+        .with(overhear::layer())
+        .with(lines.with_filter(filter))
+        .try_init();
 }
 
 /// From here on iceoryx2 speaks of errors only: when somebody has removed its files, it would say so

@@ -36,8 +36,25 @@ pub(super) fn check(
                 .help("a site with `[[host]]` says of every area where it runs: add `host = `"),
         );
     }
+    one_transport(&hosts, findings);
     if hosts.len() > 1 {
         not_with_several(root, &hosts, lasers, findings);
+    }
+}
+
+/// A host that speaks TLS and one that does not cannot talk with each other.
+fn one_transport(hosts: &[Node<'_>], findings: &mut Vec<Finding>) {
+    // Of one that there is not the schema says so.
+    let is_known = |text: &str| ["tls", "plain-tcp"].contains(&text);
+    let all = hosts.iter().filter_map(|host| host.text("transport"));
+    let mut transports = all.filter(|(transport, _)| is_known(transport));
+    let Some((first, _)) = transports.next() else { return };
+    if let Some((other, node)) = transports.find(|(transport, _)| *transport != first) {
+        findings.push(
+            Finding::error(&node, quoted(other), format!("{}, as the first host", quoted(first)))
+                .message("all hosts of a site talk in one way")
+                .help("write the same `transport` at every host"),
+        );
     }
 }
 

@@ -1,8 +1,9 @@
 //! What the bridge says of itself, and of the other hosts: `tog status` shows it.
 
 use super::Bridge;
+use crate::guard;
 use crate::remote::RemoteHost;
-use process::{Worker, monotonic_ns};
+use process::{Worker, monotonic_ns, wall_ns};
 use protocol::time::SECOND_NS;
 
 impl Bridge {
@@ -42,7 +43,19 @@ impl Bridge {
             .fault(now_ns)
             .map(|reason| format!("the events of this host cannot be told to others: {reason}"));
         health.set_fault("journal_unreadable", fault);
+        self.tell_security(worker, now_ns);
         self.tell_remote(worker, now_ns);
+    }
+
+    fn tell_security(&mut self, worker: &mut Worker, now_ns: u64) {
+        let Some(certificate) = &self.certificate else { return };
+        let (health, totals) = (&mut worker.health, guard::totals());
+        health.set_count("messages_refused_unauthorised", totals.messages);
+        health.set_count("connections_refused_unauthorised", totals.connections);
+        health.set_fault("unauthorised", self.alarm.fault(&totals, now_ns));
+        let now_s = (wall_ns() / SECOND_NS) as i64;
+        health.set_fault("certificate_expires", certificate.expires_soon(now_s));
+        health.gauge("certificate_days_left", certificate.days_left(now_s) as f64);
     }
 
     fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {

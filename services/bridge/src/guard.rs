@@ -1,0 +1,218 @@
+//! Who knocks without the right to: counted, told, and told to be over.
+//!
+//! zenoh refuses in silence: a denied message leaves a line of its log at `trace`, a connection without
+//! a good certificate one at `warn` with a hint that is wrong. So the bridge overhears those lines
+//! (zenoh 1.10.2: `access_control.rs`, `zenoh-link-tls/unicast.rs`) and prints none of them. When zenoh
+//! changes its words, `tests/system/intruder.rs` fails.
+
+use process::overhear::{Overhear, overhear};
+use protocol::time::SECOND_NS;
+use std::cell::Cell;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use tracing::Level;
+
+const ACCESS: &str = "zenoh::net::routing::interceptor::access_control";
+const TLS: &str = "zenoh_link_tls";
+/// The fault is over when nobody knocked for so long.
+const QUIET_NS: u64 = 300 * SECOND_NS;
+/// What is said of the last one is cut to this, characters.
+const WORDS_MAX: usize = 160;
+/// For each key that a peer declares, zenoh looks up what it may do with it, and says so of each of
+/// these kinds of messages; nothing was sent yet.
+const KINDS_LOOKED_UP: u8 = 9;
+
+/// Who may connect: the common names of the hosts of the site.
+static KNOWN: OnceLock<Vec<String>> = OnceLock::new();
+static TOTALS: Mutex<Totals> = Mutex::new(Totals::NONE);
+
+thread_local! {
+    static LOOKED_UP: Cell<u8> = const { Cell::new(0) };
+}
+
+/// What was refused so far.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Totals {
+    /// Messages of peers that they may not send.
+    pub messages: u64,
+    /// Connections without a good certificate, or of a host that the site does not have.
+    pub connections: u64,
+    /// The last of both, in words.
+    pub last: String,
+}
+
+impl Totals {
+    const NONE: Self = Self { messages: 0, connections: 0, last: String::new() };
+
+    fn take(&mut self, knock: Knock) {
+        let (count, words) = match knock {
+            Knock::Message(words) => (&mut self.messages, words),
+            Knock::Connection(words) => (&mut self.connections, words),
+        };
+        *count += 1;
+        self.last = words.chars().filter(|c| !c.is_control()).take(WORDS_MAX).collect();
+    }
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Knock {
+    Message(String),
+    Connection(String),
+}
+
+/// Makes this process hear what zenoh refuses. Call it before logging starts.
+pub fn listen() {
+    overhear(Overhear { targets: &[(ACCESS, Level::TRACE), (TLS, Level::DEBUG)], hear });
+}
+
+/// From here on these common names may connect.
+pub(crate) fn admit(common_names: Vec<String>) {
+    let _ = KNOWN.set(common_names);
+}
+
+/// What was refused so far.
+pub(crate) fn totals() -> Totals {
+    TOTALS.lock().unwrap_or_else(PoisonError::into_inner).clone()
+}
+
+fn hear(target: &str, text: &str) {
+    let known = KNOWN.get().map_or(&[][..], Vec::as_slice);
+    let knock = if target.starts_with(ACCESS) {
+        LOOKED_UP.with(|looked_up| denied(text, looked_up))
+    } else {
+        refused(text, known)
+    };
+    if let Some(knock) = knock {
+        TOTALS.lock().unwrap_or_else(PoisonError::into_inner).take(knock);
+    }
+}
+
+/// A line of the access control: a message that was refused, if it is one.
+fn denied(text: &str, looked_up: &Cell<u8>) -> Option<Knock> {
+    if text.starts_with("ACL (ingress): caching") {
+        looked_up.set(KINDS_LOOKED_UP);
+        return None;
+    }
+    if !text.starts_with("Using cached result") && looked_up.get() > 0 {
+        looked_up.set(looked_up.get() - 1);
+        return None;
+    }
+    let (_, what) = text.split_once(" is unauthorized to ")?;
+    let (kind, key) = what.split_once(" (ingress) on ")?;
+    Some(Knock::Message(format!(
+        "a {} for {key} of a host that may not send it",
+        kind.to_lowercase()
+    )))
+}
+
+/// A line of the listener: a connection that was refused, or is of somebody the site does not have.
+fn refused(text: &str, known: &[String]) -> Option<Knock> {
+    if let Some((reason, _)) = text.split_once(". Hint: increase the system open file limit") {
+        return Some(Knock::Connection(format!("no good certificate ({reason})")));
+    }
+    if text.starts_with("Error getting client cert") {
+        return Some(Knock::Connection(text.to_owned()));
+    }
+    let accepted = text.strip_prefix("Accepted TLS connection on ")?;
+    if known.iter().any(|name| accepted.contains(&format!("{name:?}"))) {
+        return None;
+    }
+    Some(Knock::Connection(format!("a certificate of no host of this site ({accepted})")))
+}
+
+/// Turns totals into a fault that ends when it is quiet again. Pure.
+#[derive(Debug, Default)]
+pub struct Alarm {
+    told: Totals,
+    last_ns: Option<u64>,
+    since: Totals,
+}
+
+impl Alarm {
+    /// The fault, given the totals at this time (CLOCK_MONOTONIC, nanoseconds).
+    pub fn fault(&mut self, totals: &Totals, mono_ns: u64) -> Option<String> {
+        if *totals != self.told {
+            if self.last_ns.is_none() {
+                self.since = std::mem::take(&mut self.told);
+            }
+            (self.told, self.last_ns) = (totals.clone(), Some(mono_ns));
+        }
+        let last_ns = self.last_ns?;
+        if mono_ns.saturating_sub(last_ns) >= QUIET_NS {
+            self.last_ns = None;
+            return None;
+        }
+        let messages = totals.messages - self.since.messages;
+        let connections = totals.connections - self.since.connections;
+        Some(format!(
+            "somebody without the right to tried to reach this host: {connections} connections and \
+             {messages} messages were refused, nothing of them was taken; the last one: {}",
+            totals.last
+        ))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn message(text: &str, looked_up: &Cell<u8>) -> Option<String> {
+        match denied(text, looked_up)? {
+            Knock::Message(words) => Some(words),
+            Knock::Connection(words) => panic!("{words}"),
+        }
+    }
+
+    #[test]
+    fn a_message_that_is_refused_is_heard_and_what_is_only_looked_up_is_not() {
+        let none = Cell::new(0);
+        let text = "ab12 on edge is unauthorized to Put (ingress) on tog/lab/desk/health";
+        let words = message(text, &none).unwrap();
+        assert_eq!(words, "a put for tog/lab/desk/health of a host that may not send it");
+        assert_eq!(message("ab12 on edge is authorized to Put (ingress) on tog/a", &none), None);
+        assert_eq!(message("ab12 on edge is unauthorized to Put (egress) on tog/a", &none), None);
+        assert_eq!(message("ACL (ingress): caching permissions for `tog/a` ...", &none), None);
+        for _ in 0..KINDS_LOOKED_UP {
+            assert_eq!(message(text, &none), None);
+        }
+        assert!(message(text, &none).is_some());
+        none.set(KINDS_LOOKED_UP);
+        let cached = "Using cached result: ab12 is unauthorized to Put (ingress) on tog/a";
+        assert!(message(cached, &none).is_some());
+    }
+
+    #[test]
+    fn a_connection_is_refused_for_its_certificate_or_because_nobody_knows_its_name() {
+        let known = ["edge.lab".to_owned()];
+        let words = |text: &str| match refused(text, &known)? {
+            Knock::Connection(words) => Some(words),
+            Knock::Message(words) => panic!("{words}"),
+        };
+        let text = "peer sent no certificates. Hint: increase the system open file limit.";
+        assert_eq!(words(text).unwrap(), "no good certificate (peer sent no certificates)");
+        let accepted = |name: &str| {
+            format!(
+                "Accepted TLS connection on 10.0.0.1:1: 10.0.0.2:2. TlsAuthId {{ auth_value: Some({name:?}) }}."
+            )
+        };
+        assert_eq!(words(&accepted("edge.lab")), None);
+        assert!(words(&accepted("xedge.lab")).unwrap().contains("no host of this site"));
+        assert!(words(&accepted("edge.lab.evil")).is_some());
+    }
+
+    #[test]
+    fn the_alarm_ends_when_it_is_quiet_and_counts_anew() {
+        let mut alarm = Alarm::default();
+        let mut totals = Totals::default();
+        assert_eq!(alarm.fault(&totals, 1), None);
+        totals.take(Knock::Message("a\u{7}b".to_owned()));
+        totals.take(Knock::Connection("c".to_owned()));
+        let text = alarm.fault(&totals, 2).unwrap();
+        assert!(text.contains("1 connections and 1 messages") && text.ends_with("c"), "{text}");
+        assert!(alarm.fault(&totals, 2 + QUIET_NS - 1).is_some());
+        assert_eq!(alarm.fault(&totals, 2 + QUIET_NS), None);
+        totals.take(Knock::Message("d".to_owned()));
+        let text = alarm.fault(&totals, 3 + QUIET_NS).unwrap();
+        assert!(text.contains("0 connections and 1 messages"), "{text}");
+    }
+}
