@@ -47,6 +47,8 @@ pub enum Verb {
     Map(crate::map::cli::Map),
     /// Recordings: record, play, recover, what they hold, from and into other formats.
     Bag(crate::bag::cli::Bag),
+    /// Certificates by which the hosts of a site know each other: make an authority, make hosts, show.
+    Certs(crate::certs::cli::Certs),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.

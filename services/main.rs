@@ -1,6 +1,7 @@
 //! `tog`: one binary, every verb and every service. Reads like a table of contents.
 
 mod bag;
+mod certs;
 mod check;
 mod cli;
 mod demo;
@@ -30,6 +31,7 @@ fn main() -> ExitCode {
         Verb::Alerts(arguments) => alerts_verb(arguments),
         Verb::Map(arguments) => map::main(&arguments),
         Verb::Bag(arguments) => bag::run(&arguments),
+        Verb::Certs(arguments) => certs::main(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
         Verb::Bridge(worker) => {

@@ -2,7 +2,7 @@
 
 use crate::cli::{AlertsList, AlertsWatch, Check, Format, Run, Status};
 use crate::site_file::SiteFileError;
-use crate::{fail, placement, site_file};
+use crate::{certs, fail, placement, site_file};
 use process::instance::{default_run_root, run_dir_of};
 use process::plan::Plan;
 use process::{EventLoop, Instance, Role, exit};
@@ -48,6 +48,11 @@ pub fn run(arguments: &Run) -> ExitCode {
         Err(reason) => return fail(exit::USAGE, reason),
     };
     placement::warn_of_plain_tcp(&site);
+    if let Err(problems) = certs::check(&site, host.as_deref(), &arguments.site) {
+        let words: Vec<String> = problems.iter().map(|problem| format!("\n  {problem}")).collect();
+        let text = format!("this host cannot prove who it is:{}", words.concat());
+        return fail(exit::BAD_CONFIG, text);
+    }
     let base_dir = base_dir(&arguments.site);
     let replay_start_ns = match laser::site::replay_begin_ns(&site, &base_dir) {
         Ok(begin_ns) => begin_ns,

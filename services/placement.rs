@@ -83,12 +83,13 @@ pub fn replay_at_ns(site: &Site, asked: Option<&str>) -> Result<Option<u64>, Str
 
 /// Says aloud, on stderr, that nothing between the hosts is encrypted.
 pub fn warn_of_plain_tcp(site: &Site) {
-    if site.has_bridges() {
+    if site.has_bridges() && !site.uses_tls() {
         // Nobody may be there to read it any more.
         let _ = writeln!(
             std::io::stderr(),
             "tog: transport = \"plain-tcp\": what the hosts of {} say to each other is neither \
-             encrypted nor authenticated. Use a network of their own; mutual TLS is not built yet",
+             encrypted nor authenticated. Use a network of their own, or transport = \"tls\": \
+             `tog certs --help`",
             site.name
         );
     }

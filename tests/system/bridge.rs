@@ -57,14 +57,14 @@ fn start(toml: &str, host: &str, more: &[&str]) -> Site {
 }
 
 /// All rows of the journal of a host that are of `origin`.
-fn journal_of(site: &Site, host: &str, origin: &str) -> Vec<(u64, EventChange)> {
+pub(super) fn journal_of(site: &Site, host: &str, origin: &str) -> Vec<(u64, EventChange)> {
     let path = site.dir.join("state").join(host).join(JOURNAL_FILE);
     let rows = Journal::open_read_only(&path).unwrap().after(0, 100_000).unwrap();
     let rows = rows.iter().map(|row| (row.journal_id, row.change().unwrap()));
     rows.filter(|(_, change)| change.origin == origin).collect()
 }
 
-fn of(rows: Vec<(u64, EventChange)>) -> Vec<EventChange> {
+pub(super) fn of(rows: Vec<(u64, EventChange)>) -> Vec<EventChange> {
     rows.into_iter().map(|(_, change)| change).collect()
 }
 

@@ -9,6 +9,7 @@
 //! | `removed` | files of a site that runs are removed; a second site on its state |
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
+//! | `intruder` | hosts with certificates, and who has none, or the wrong one |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
 //!
 //! `TOG_NIGHTLY=1` runs the long variants (400 kills: five minutes), `TOG_SEED=n` other moments. The full
@@ -20,6 +21,7 @@ mod disk;
 mod events;
 mod feed;
 mod hang;
+mod intruder;
 mod kills;
 mod life;
 mod recorder;

@@ -75,6 +75,7 @@ pub struct Follower {
     heard_ns: u64,
     sent_ns: u64,
     foreign: u64,
+    repeated: u64,
     other: Option<OtherJournal>,
 }
 
@@ -93,6 +94,7 @@ impl Follower {
             heard_ns: mono_ns,
             sent_ns: mono_ns,
             foreign: 0,
+            repeated: 0,
             other: None,
         }
     }
@@ -123,6 +125,7 @@ impl Follower {
         let mut changes = Vec::new();
         for row in page.rows {
             if row.journal_id <= self.taken {
+                self.repeated += 1;
                 continue;
             }
             if self.waiting.len() >= WINDOW {
@@ -228,6 +231,12 @@ impl Follower {
     #[must_use]
     pub fn foreign(&self) -> u64 {
         self.foreign
+    }
+
+    /// Rows that came again: after a cut link, or from somebody who replays them.
+    #[must_use]
+    pub fn repeated(&self) -> u64 {
+        self.repeated
     }
 
     /// Why nothing is taken any more, if so.

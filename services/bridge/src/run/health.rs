@@ -20,6 +20,7 @@ impl Bridge {
         let remotes = self.remote.iter().flatten();
         let not_there: u64 = remotes.map(RemoteHost::refused).sum();
         let foreign = self.followed.iter().map(|followed| followed.follower.foreign()).sum();
+        let repeated = self.followed.iter().map(|followed| followed.follower.repeated()).sum();
         for (name, total) in [
             ("scans_out", counters.scans_out),
             ("scans_in", counters.scans_in),
@@ -31,6 +32,7 @@ impl Bridge {
             ("events_out", counters.events_out),
             ("events_in", counters.events_in),
             ("events_refused", foreign),
+            ("events_repeated", repeated),
             ("pages_refused", counters.pages_refused),
             ("pages_put_off", dropped.pages),
             ("questions_put_off", dropped.asks + self.teller.unanswered()),
