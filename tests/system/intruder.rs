@@ -2,7 +2,7 @@
 
 use super::bridge::{journal_of, of};
 use super::feed::{Desk, assert_whole};
-use crate::harness::{Scratch, Setup, Site, WATCHDOG, count, find, is_nightly};
+use crate::harness::{Scratch, Setup, Site, WATCHDOG, count, find};
 use certificates::{Files, Identity};
 use protocol::codec::encode;
 use protocol::event::{EventChange, EventState};
@@ -150,7 +150,7 @@ fn whoever_has_no_right_to_changes_nothing_and_is_counted_and_told() {
     wait_for_count(&mut desk, "connections_refused_unauthorised", connections);
 
     // Somebody who has the certificate of `yard` speaks as others, and nonsense as itself.
-    let total = if is_nightly() { 100_000 } else { 8_000 };
+    let total = 100_000;
     let yard = Files::of(&tls, "yard");
     let session = dial(&endpoint, &ca, Some(&yard)).expect("a host of the site");
     let foreign = speak_as_others(&session, total / 2);
