@@ -8,7 +8,8 @@
 
 use crate::event::{EventAcknowledgement, EventChange};
 use crate::health::Health;
-use crate::link::{CarriedScan, EventPage};
+use crate::link::{CarriedScan, Claims, EventPage, FilePage};
+use crate::ownership::Ownership;
 use crate::scan::LaserScan;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -233,4 +234,30 @@ impl Encoded for EventPage {
             row.change.check_fields()
         })
     }
+}
+
+impl Encoded for Claims {
+    const KIND: u8 = 7;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "Claims";
+
+    fn check(&self) -> Result<(), String> {
+        self.check_lengths()
+    }
+}
+
+impl Encoded for FilePage {
+    const KIND: u8 = 8;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "FilePage";
+
+    fn check(&self) -> Result<(), String> {
+        self.check_extent()
+    }
+}
+
+impl Encoded for Ownership {
+    const KIND: u8 = 9;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "Ownership";
 }

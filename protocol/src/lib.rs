@@ -10,6 +10,9 @@
 //! | [`event::EventAcknowledgement`] (encoded) | alerts | anomaly | with events | < 100 B |
 //! | [`health::Health`] (encoded) | all | supervisor, bridge | 1 Hz and on change | < 64 kB |
 //! | [`link::CarriedScan`] (encoded) | bridge of the laser's host | bridge of the area's host | as scans | 4 B a beam |
+//! | [`link::Claims`] (encoded) | bridge of a host that runs an area with a standby, or is one | the other one | 2 Hz | < 10 kB |
+//! | [`link::FilePage`] (encoded) | bridge of the owner of an area | bridge of its standby | with checkpoints | < 129 kB |
+//! | [`ownership::Ownership`] (encoded) | bridge | supervisor of its host | rare | < 4 kB |
 //! | [`link::EventPage`] (encoded) | bridge of every host | bridges of the desks | 1 Hz and with events | < 256 kB |
 //!
 //! Versioning: a shared-memory header carries its version in `Header::TYPE_NAME`, an encoded message
@@ -25,6 +28,7 @@
 //! | [`time`], [`geometry`] | the lattice of frames; the one owner of metres <-> cells |
 //! | [`scan`], [`frame`], [`grid`], [`event`], [`health`] | the messages |
 //! | [`link`] | what only bridges say to each other |
+//! | [`ownership`] | which areas run on this host now |
 //!
 //! Invariants: nothing here reads a file, a clock or an environment; no decoder and no parser panics,
 //! whatever the bytes (property tests beside this crate, fuzz targets in `tests/fuzz`); the bytes of
@@ -37,6 +41,7 @@ pub mod geometry;
 pub mod grid;
 pub mod health;
 pub mod link;
+pub mod ownership;
 pub mod scan;
 pub mod site;
 pub mod time;

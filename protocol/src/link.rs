@@ -68,3 +68,118 @@ impl EventPage {
         Ok(())
     }
 }
+
+/// Most areas whose claims are told at once.
+const CLAIMS_MAX: usize = crate::site::AREAS_MAX;
+/// Most bytes of a file in one [`FilePage`].
+pub const FILE_PAGE_BYTES_MAX: usize = 128 * 1024;
+/// Largest file that is copied to a standby: a hall of 400 x 400 cells with all that it learnt is some
+/// MB, compressed.
+pub const FILE_BYTES_MAX: u64 = 256 << 20;
+
+/// A file of an area that its standby copies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AreaFile {
+    /// The checkpoint of the mapper: counts and windows.
+    Map,
+    /// What the detector learnt.
+    Normal,
+}
+
+impl AreaFile {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Map, Self::Normal];
+
+    /// Its name in the state directory.
+    #[must_use]
+    pub fn name(self, area: &str) -> String {
+        match self {
+            Self::Map => format!("{area}.map"),
+            Self::Normal => format!("{area}.normal"),
+        }
+    }
+}
+
+/// Which content a file has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FileVersion {
+    /// Which file.
+    pub file: AreaFile,
+    /// When it was written, UNIX nanoseconds of the host that has it.
+    pub modified_ns: u64,
+    /// Its length.
+    pub bytes: u64,
+}
+
+/// What a host says of an area that it may run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claim {
+    /// The area's id.
+    pub area: String,
+    /// The highest epoch that this host knows of; of the owner its own.
+    pub epoch: u64,
+    /// True if it runs the area in this epoch.
+    pub owns: bool,
+    /// True if it stops, and wants the other one to take over.
+    pub releases: bool,
+    /// Its files, if it owns the area.
+    pub files: Vec<FileVersion>,
+}
+
+/// All claims of a host.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Claims {
+    /// One an area that it may run and another host may run as well.
+    pub claims: Vec<Claim>,
+}
+
+impl Claims {
+    /// Not too many.
+    ///
+    /// # Errors
+    /// A sentence with what was found and what was expected.
+    pub fn check_lengths(&self) -> Result<(), String> {
+        let files = self.claims.iter().map(|claim| claim.files.len()).max().unwrap_or(0);
+        if self.claims.len() > CLAIMS_MAX || files > AreaFile::ALL.len() {
+            let (found, files_max) = (self.claims.len(), AreaFile::ALL.len());
+            return Err(format!(
+                "{found} claims of up to {files} files, expected at most {CLAIMS_MAX} of {files_max}"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A part of a file on its way to a standby.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FilePage {
+    /// The area's id.
+    pub area: String,
+    /// Which content of which file.
+    pub version: FileVersion,
+    /// Where in the file the bytes are.
+    pub offset: u64,
+    /// At most [`FILE_PAGE_BYTES_MAX`].
+    pub bytes: Vec<u8>,
+}
+
+impl FilePage {
+    /// The bytes lie in a file that is not too long.
+    ///
+    /// # Errors
+    /// A sentence with what was found and what was expected.
+    pub fn check_extent(&self) -> Result<(), String> {
+        let (found, length) = (self.bytes.len(), self.version.bytes);
+        if found > FILE_PAGE_BYTES_MAX || length > FILE_BYTES_MAX {
+            return Err(format!(
+                "{found} bytes of a file of {length}, expected at most {FILE_PAGE_BYTES_MAX} of \
+                 {FILE_BYTES_MAX}"
+            ));
+        }
+        if self.offset.saturating_add(found as u64) > length {
+            return Err(format!("bytes {} + {found} of a file of {length}", self.offset));
+        }
+        Ok(())
+    }
+}

@@ -9,6 +9,7 @@
 //! | `event` | event changes | anomaly of each area, supervisor | alerts, recorder, bridge |
 //! | `event-ack` | acknowledgements | alerts | anomaly, supervisor |
 //! | `health` | health | everybody | supervisor, bridge |
+//! | `ownership` | which areas run here | bridge | supervisor |
 //!
 //! Between hosts, as keys of zenoh (ids of a site file are chunks of keys as they are):
 //!
@@ -18,6 +19,9 @@
 //! | `tog/<site>/<host>/health` | `Health` | every host | every host |
 //! | `tog/<site>/<host>/event/live` | `EventPage` | every host | desks |
 //! | `tog/<site>/<host>/event/log?after=<n>` | `EventPage`, one reply | every host | who asks |
+//! | `tog/<site>/<host>/alive` | a liveliness token | hosts of areas with a standby | the other one |
+//! | `tog/<site>/<host>/claim` | `Claims` | hosts of areas with a standby | the other one |
+//! | `tog/<site>/<host>/replica/<area>?..` | `FilePage`, one reply | the owner | its standby |
 
 use crate::event::EventHeader;
 use crate::frame::FrameHeader;
@@ -110,6 +114,12 @@ pub fn health() -> Topic<BytesHeader, u8> {
     Topic::new("health".to_owned(), BYTES_MAX)
 }
 
+/// Encoded `Ownership`.
+#[must_use]
+pub fn ownership() -> Topic<BytesHeader, u8> {
+    Topic::new("ownership".to_owned(), BYTES_MAX)
+}
+
 /// Key of the scans of a laser between hosts.
 #[must_use]
 pub fn scan_key(site: &str, host: &str, laser: &str) -> String {
@@ -132,4 +142,22 @@ pub fn live_key(site: &str, host: &str) -> String {
 #[must_use]
 pub fn log_key(site: &str, host: &str) -> String {
     format!("tog/{site}/{host}/event/log")
+}
+
+/// Key of the liveliness token of a host.
+#[must_use]
+pub fn alive_key(site: &str, host: &str) -> String {
+    format!("tog/{site}/{host}/alive")
+}
+
+/// Key of what a host says of the areas that it may run.
+#[must_use]
+pub fn claim_key(site: &str, host: &str) -> String {
+    format!("tog/{site}/{host}/claim")
+}
+
+/// Key under which the files of an area are answered.
+#[must_use]
+pub fn replica_key(site: &str, host: &str, area: &str) -> String {
+    format!("tog/{site}/{host}/replica/{area}")
 }

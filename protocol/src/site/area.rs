@@ -18,6 +18,11 @@ pub struct Area {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(regex(pattern = ID_PATTERN))]
     pub host: Option<String>,
+    /// Id of the host that runs this area while `host` is lost, with the map as it was last copied
+    /// there; nobody does unless set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(regex(pattern = ID_PATTERN))]
+    pub standby: Option<String>,
     /// Lower left corner in site coordinates, metres.
     #[schemars(inner(range(min = -100_000.0, max = 100_000.0)))]
     pub origin_m: [f64; 2],

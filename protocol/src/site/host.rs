@@ -38,6 +38,24 @@ pub enum Transport {
     PlainTcp,
 }
 
+impl Area {
+    /// True if `host` is its host or its standby.
+    #[must_use]
+    pub fn may_run_on(&self, host: Option<&str>) -> bool {
+        self.host.as_deref() == host || self.standby.is_some() && self.standby.as_deref() == host
+    }
+
+    /// Origin of the events that it tells from `host`: its id, and `<id>@<host>` from its standby, so
+    /// that each host counts its own; no id has an `@`.
+    #[must_use]
+    pub fn origin_on(&self, host: Option<&str>) -> String {
+        match host.filter(|host| self.standby.as_deref() == Some(host)) {
+            Some(host) => format!("{}@{host}", self.id),
+            None => self.id.clone(),
+        }
+    }
+}
+
 impl Site {
     /// True if the site has more than one host, and so needs bridges.
     #[must_use]
@@ -61,12 +79,12 @@ impl Site {
     #[must_use]
     pub fn on_one_host(mut self) -> Self {
         self.hosts.clear();
-        self.areas.iter_mut().for_each(|area| area.host = None);
+        self.areas.iter_mut().for_each(|area| (area.host, area.standby) = (None, None));
         self.lasers.iter_mut().for_each(|laser| laser.host = None);
         self
     }
 
-    /// The host that runs an area; none if the site has no hosts.
+    /// The host that runs an area, while it is there; none if the site has no hosts.
     #[must_use]
     pub fn host_of_area<'s>(&'s self, area: &'s Area) -> Option<&'s str> {
         area.host.as_deref()
@@ -79,9 +97,10 @@ impl Site {
         laser.host.as_deref().or_else(of_area)
     }
 
-    /// The areas that run on `host`, in the order of the file; all of a site without hosts.
+    /// The areas that `host` may run, as their host or as their standby, in the order of the file; all
+    /// of a site without hosts.
     pub fn areas_on<'s>(&'s self, host: Option<&'s str>) -> impl Iterator<Item = &'s Area> {
-        self.areas.iter().filter(move |area| self.host_of_area(area) == host)
+        self.areas.iter().filter(move |area| area.may_run_on(host))
     }
 
     /// The lasers that run on `host`, in the order of the file; all of a site without hosts.
@@ -90,12 +109,14 @@ impl Site {
     }
 
     /// The lasers whose scans must reach another host, with their index in the site: those that do
-    /// not run where their area does.
+    /// not run where their area does, or may have to.
     pub fn lasers_that_cross(&self) -> impl Iterator<Item = (usize, &Laser, &Area)> {
         let with_area = |(index, laser): (usize, _)| {
             let laser: &Laser = laser;
             let area = self.areas.iter().find(|area| area.id == laser.area)?;
-            let crosses = self.host_of_laser(laser) != self.host_of_area(area);
+            let host = self.host_of_laser(laser);
+            let crosses = host != self.host_of_area(area)
+                || area.standby.is_some() && host != area.standby.as_deref();
             crosses.then_some((index, laser, area))
         };
         self.lasers.iter().enumerate().filter_map(with_area)

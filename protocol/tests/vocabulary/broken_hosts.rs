@@ -124,6 +124,37 @@ lab.toml: 1 error
 }
 
 #[test]
+fn a_standby_is_another_host() {
+    drawn(
+        "host = \"desk\"",
+        "host = \"desk\"\nstandby = \"desk\"",
+        r#"
+error: an area is its own standby
+  --> lab.toml:16:11
+   |
+16 | standby = "desk"
+   |           ^^^^^^ expected another host than `host`
+   |
+   = help: name another host, or remove `standby`
+
+lab.toml: 1 error
+"#,
+    );
+}
+
+#[test]
+fn a_standby_may_run_an_area_and_counts_its_own_events() {
+    let text = placed().iter().fold(GOOD.to_owned(), |text, (from, to)| text.replace(from, to));
+    let text = text.replace("host = \"desk\"\n", "host = \"desk\"\nstandby = \"edge\"\n");
+    let site = Site::parse(&text, "lab.toml").unwrap_or_else(|errors| panic!("{errors}"));
+    let area = &site.areas[0];
+    assert_eq!([site.areas_on(Some("edge")).count(), site.areas_on(Some("desk")).count()], [1, 1]);
+    assert_eq!(area.origin_on(Some("desk")), area.id);
+    assert_eq!(area.origin_on(Some("edge")), format!("{}@edge", area.id));
+    assert!(!area.may_run_on(None) && !area.may_run_on(Some("yard")));
+}
+
+#[test]
 fn an_endpoint_needs_a_port() {
     drawn(
         "10.0.0.7:7447",

@@ -98,7 +98,7 @@ error: there is no key `flavour` in `area[0]`
 12 | flavour = "vanilla"
    | ^^^^^^^ expected a known key
    |
-   = help: remove it. Keys here: `cell_m`, `checkpoint_s`, `class`, `columns`, `context`, `detector`, `frame_period_ms`, `host`, `id`, `known_share_min`, `laser_lost_ms`, `lateness_max_ms`, `origin_m`, `preset`, `range_tolerance_m`, `rows`, `scan_age_max_ms`, `timescales_s`, `transit`, `zone`
+   = help: remove it. Keys here: `cell_m`, `checkpoint_s`, `class`, `columns`, `context`, `detector`, `frame_period_ms`, `host`, `id`, `known_share_min`, `laser_lost_ms`, `lateness_max_ms`, `origin_m`, `preset`, `range_tolerance_m`, `rows`, `scan_age_max_ms`, `standby`, `timescales_s`, `transit`, `zone`
 
 lab.toml: 1 error
 "#,

@@ -4,7 +4,10 @@ use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::{Fault, Health, ServiceState};
-use protocol::link::{CarriedScan, EventPage, EventRow};
+use protocol::link::{
+    AreaFile, CarriedScan, Claim, Claims, EventPage, EventRow, FilePage, FileVersion,
+};
+use protocol::ownership::{AreaOwnership, Ownership};
 use protocol::scan::{LaserScan, ScanGeometry};
 
 /// 2026-01-02 03:04:05.678 UTC.
@@ -191,4 +194,32 @@ pub fn any_health() -> impl Strategy<Value = Health> {
             faults,
         },
     )
+}
+
+fn file_version() -> FileVersion {
+    FileVersion { file: AreaFile::Normal, modified_ns: STAMP_NS, bytes: 300 }
+}
+
+pub fn claims() -> Claims {
+    let claim = Claim {
+        area: "foyer".to_owned(),
+        epoch: 4,
+        owns: true,
+        releases: false,
+        files: vec![file_version()],
+    };
+    Claims { claims: vec![claim] }
+}
+
+pub fn file_page() -> FilePage {
+    FilePage {
+        area: "foyer".to_owned(),
+        version: file_version(),
+        offset: 297,
+        bytes: vec![1, 2, 3],
+    }
+}
+
+pub fn ownership() -> Ownership {
+    Ownership { areas: vec![AreaOwnership { area: "foyer".to_owned(), runs: true }] }
 }

@@ -109,3 +109,24 @@ fn the_kind_in_words_is_the_name_without_underscores() {
         assert_eq!(kind.is_fault(), is_fault, "{fault}");
     }
 }
+
+#[test]
+fn claims_of_version_1_have_these_bytes() {
+    check(
+        &samples::claims(),
+        "54 47 07 01 17 00 00 00 01 05 66 6f 79 65 72 04 01 00 01 01 80 cf fe a7 a4 de b2 c3 18 ac 02",
+    );
+}
+
+#[test]
+fn a_page_of_a_file_of_version_1_has_these_bytes() {
+    check(
+        &samples::file_page(),
+        "54 47 08 01 18 00 00 00 05 66 6f 79 65 72 01 80 cf fe a7 a4 de b2 c3 18 ac 02 a9 02 03 01 02 03",
+    );
+}
+
+#[test]
+fn ownership_of_version_1_has_these_bytes() {
+    check(&samples::ownership(), "54 47 09 01 08 00 00 00 01 05 66 6f 79 65 72 01");
+}

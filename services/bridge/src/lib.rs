@@ -44,6 +44,7 @@ pub mod follower;
 pub mod guard;
 pub mod inbox;
 mod link;
+pub mod ownership;
 pub mod remote;
 mod run;
 mod teller;

@@ -23,7 +23,11 @@ pub(super) fn check(
         return; // one lacks its id: the schema says so, and who it is nobody knows
     }
     for place in areas.iter().chain(lasers) {
-        known(place, &ids, findings);
+        known(place, "host", &ids, findings);
+    }
+    for area in areas {
+        known(area, "standby", &ids, findings);
+        another_standby(area, findings);
     }
     if hosts.is_empty() {
         return;
@@ -59,8 +63,8 @@ fn one_transport(hosts: &[Node<'_>], findings: &mut Vec<Finding>) {
 }
 
 /// A host that is named is there.
-fn known(place: &Node<'_>, ids: &[&str], findings: &mut Vec<Finding>) {
-    let Some((id, node)) = place.text("host").filter(|(id, _)| !ids.contains(id)) else { return };
+fn known(place: &Node<'_>, key: &str, ids: &[&str], findings: &mut Vec<Finding>) {
+    let Some((id, node)) = place.text(key).filter(|(id, _)| !ids.contains(id)) else { return };
     let help = match did_you_mean(id, ids.iter().copied()) {
         Some(host) => format!("did you mean {host:?}?"),
         None if ids.is_empty() => {
@@ -71,6 +75,20 @@ fn known(place: &Node<'_>, ids: &[&str], findings: &mut Vec<Finding>) {
         None => format!("hosts of this file: {}", names(ids.iter().copied())),
     };
     findings.push(Finding::error(&node, quoted(id), "the id of a host of this file").help(help));
+}
+
+/// A host is no standby of its own.
+fn another_standby(area: &Node<'_>, findings: &mut Vec<Finding>) {
+    let (Some((host, _)), Some((standby, node))) = (area.text("host"), area.text("standby")) else {
+        return;
+    };
+    if host == standby {
+        findings.push(
+            Finding::error(&node, quoted(standby), "another host than `host`")
+                .message("an area is its own standby")
+                .help("name another host, or remove `standby`"),
+        );
+    }
 }
 
 /// What works on one host only, so far.
