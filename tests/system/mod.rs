@@ -9,6 +9,7 @@
 //! | `removed` | files of a site that runs are removed; a second site on its state |
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
+//! | `standby` | a host that is lost: its area goes on elsewhere |
 //! | `intruder` | hosts with certificates, and who has none, or the wrong one |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
 //!
@@ -26,6 +27,7 @@ mod kills;
 mod life;
 mod recorder;
 mod removed;
+mod standby;
 
 /// Two lasers of a small room, one area, everything else as it is by default.
 pub const ROOM: &str = r#"

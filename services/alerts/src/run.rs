@@ -173,8 +173,12 @@ impl Service {
         let hosts = worker.site.hosts.iter().map(|host| Some(host.id.as_str()));
         let journals: Vec<String> = hosts.map(journal_origin).collect();
         let areas = worker.site.areas.iter().map(|area| area.id.as_str());
+        let standbys = worker.site.areas.iter().filter_map(|area| {
+            area.standby.as_deref().map(|standby| area.origin_on(Some(standby)))
+        });
+        let others: Vec<String> = journals.into_iter().chain(standbys).collect();
         let of_site: Vec<&str> =
-            areas.chain([HOST]).chain(journals.iter().map(String::as_str)).collect();
+            areas.chain([HOST]).chain(others.iter().map(String::as_str)).collect();
         let others: BTreeMap<String, u64> = wanted
             .into_iter()
             .filter(|wanted| !of_site.contains(&wanted.origin.as_str()))

@@ -9,6 +9,8 @@ use protocol::site::Zone;
 #[derive(Debug, Clone)]
 pub(crate) struct Ledger {
     area: String,
+    /// In whose name: the area's, unless told otherwise.
+    pub(crate) origin: String,
     zones: Vec<Zone>,
     next_sequence: u64,
     next_number: u64,
@@ -31,7 +33,13 @@ pub(crate) struct Entry {
 
 impl Ledger {
     pub(crate) fn new(area: &str, zones: &[Zone]) -> Self {
-        Self { area: area.to_owned(), zones: zones.to_vec(), next_sequence: 1, next_number: 1 }
+        Self {
+            area: area.to_owned(),
+            origin: area.to_owned(),
+            zones: zones.to_vec(),
+            next_sequence: 1,
+            next_number: 1,
+        }
     }
 
     /// Goes on after what was told before a restart.
@@ -64,9 +72,9 @@ impl Ledger {
         let end = (0..=text.len().min(TEXT_BYTES_MAX)).rev().find(|at| text.is_char_boundary(*at));
         text.truncate(end.unwrap_or(0));
         EventChange {
-            origin: self.area.clone(),
+            origin: self.origin.clone(),
             sequence,
-            id: format!("{}-{}", self.area, entry.number),
+            id: format!("{}-{}", self.origin, entry.number),
             kind: entry.kind,
             state: entry.state,
             stamp_ns: entry.stamp_ns,
@@ -84,7 +92,7 @@ impl Ledger {
     }
 }
 
-/// The number in the id `<area>-<n>` of an event of this area.
-pub(crate) fn number_of(area: &str, id: &str) -> Option<u64> {
-    id.strip_prefix(area)?.strip_prefix('-')?.parse().ok()
+/// The number in the id `<origin>-<n>` of an event of this origin.
+pub(crate) fn number_of(origin: &str, id: &str) -> Option<u64> {
+    id.strip_prefix(origin)?.strip_prefix('-')?.parse().ok()
 }

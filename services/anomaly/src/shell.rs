@@ -49,6 +49,8 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
 
 struct Service {
     area: Area,
+    /// In whose name it tells events on this host.
+    origin: String,
     state_dir: PathBuf,
     watch: Watch,
     outbox: OutboxFile,
@@ -80,13 +82,15 @@ impl Service {
         process::state_lock::create(&state_dir).map_err(fail)?;
         worker.health.set_fault("model_storage", process::state_lock::shortage(&state_dir));
         let mut watch = Watch::new(&area, &worker.site.lasers);
+        let origin = area.origin_on(worker.instance.host.as_deref());
+        watch.tell_as(&origin);
         let stamp_ns = wall_ns();
         if let Some(words) =
             load_normal(&state_dir, &area.id, &mut watch, stamp_ns).map_err(fail)?
         {
             worker.health.fault("model_damaged", words);
         }
-        let (outbox, words) = OutboxFile::open(&state_dir, &area.id, stamp_ns).map_err(fail)?;
+        let (outbox, words) = OutboxFile::open(&state_dir, &origin, stamp_ns).map_err(fail)?;
         if let Some(words) = words {
             worker.health.fault("outbox_damaged", words);
         }
@@ -119,6 +123,7 @@ impl Service {
             fed_mono_ns: now_ns,
             silence_ns: START_SILENCE_NS,
             area,
+            origin,
         };
         if service.phase != Phase::Watching {
             tracing::info!("area `{}`: {}", service.area.id, service.watch.phase_words());
@@ -203,7 +208,7 @@ impl Service {
             worker.health.count("acknowledgements_refused", 1);
             return;
         };
-        if acknowledgement.origin != self.area.id {
+        if acknowledgement.origin != self.origin {
             return;
         }
         match self.outbox.acknowledge(acknowledgement.sequence) {

@@ -9,6 +9,7 @@ pub(crate) fn area(columns: u32, rows: u32) -> Area {
     Area {
         id: "hall".to_owned(),
         host: None,
+        standby: None,
         origin_m: [0.0, 0.0],
         cell_m: 0.1,
         columns,

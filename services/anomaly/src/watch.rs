@@ -136,6 +136,11 @@ pub struct Watch {
 }
 
 impl Watch {
+    /// Tells its events under this origin instead of the area's id.
+    pub fn tell_as(&mut self, origin: &str) {
+        origin.clone_into(&mut self.ledger.origin);
+    }
+
     /// The core of `area`. `lasers` are those of the area, in the order of the site file (others are
     /// left out here).
     #[must_use]
@@ -203,7 +208,7 @@ impl Watch {
     pub fn resume(&mut self, last_sequence: u64, last_number: u64, open: &[EventChange]) {
         self.ledger.resume(last_sequence, last_number);
         for change in open {
-            let Some(number) = number_of(&self.area.id, &change.id) else {
+            let Some(number) = number_of(&self.ledger.origin, &change.id) else {
                 continue;
             };
             match change.kind {

@@ -5,7 +5,7 @@
 //! another's; whatever is not in the table is refused, on its way out and on its way in. Pure.
 
 use certificates::common_name;
-use protocol::site::{Host, Site};
+use protocol::site::{Area, Host, Site};
 use protocol::topic;
 use serde_json::{Value, json};
 
@@ -16,7 +16,20 @@ pub fn said_by(site: &Site, host: &str) -> Vec<String> {
     let of_host = crossing.filter(|(_, laser, _)| site.host_of_laser(laser) == Some(host));
     let scans = of_host.map(|(_, laser, _)| topic::scan_key(&site.name, host, &laser.id));
     let events = [topic::live_key(&site.name, host), topic::log_key(&site.name, host)];
-    scans.chain([topic::health_key(&site.name, host)]).chain(events).collect()
+    let always = [topic::health_key(&site.name, host)].into_iter().chain(events);
+    scans.chain(always).chain(said_of_areas(site, host)).collect()
+}
+
+/// What two hosts that may run an area say to each other.
+fn said_of_areas(site: &Site, host: &str) -> Vec<String> {
+    let shared = |area: &&Area| area.standby.is_some() && area.may_run_on(Some(host));
+    let areas = site.areas.iter().filter(shared);
+    let replicas = areas.map(|area| topic::replica_key(&site.name, host, &area.id));
+    let mut keys: Vec<String> = replicas.collect();
+    if !keys.is_empty() {
+        keys.extend([topic::alive_key(&site.name, host), topic::claim_key(&site.name, host)]);
+    }
+    keys
 }
 
 /// What who says something needs; `delete` is not among them, nobody deletes.

@@ -1,10 +1,12 @@
-//! What a bridge keeps on disk: the name of its journal, and how far it has those of others.
+//! What a bridge keeps on disk: the name of its journal, how far it has those of others, and who ran the
+//! areas that it shares (`tenure-<area>.json`).
 //!
 //! In `<state_dir>/<host>/bridge/`: `epoch.json` names this state directory for ever; `<host>.json` is
 //! the cursor into the journal of another host. A cursor that is lost or too old costs only rows that
 //! the own journal knows already, so it is replaced whole and not synced.
 
 use crate::follower::Cursor;
+use crate::ownership::Stored;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::{self, File};
@@ -51,6 +53,22 @@ impl Shelf {
     /// If there is one that cannot be read: to begin anew is safe, but is said.
     pub fn cursor(&self, host: &str) -> io::Result<Option<Cursor>> {
         read(&self.path(host))
+    }
+
+    /// Who ran an area, as far as this host knew; none if it never did.
+    ///
+    /// # Errors
+    /// If it cannot be read; a damaged file is one: an epoch must not be used twice.
+    pub fn tenure(&self, area: &str) -> io::Result<Option<Stored>> {
+        read(&self.directory.join(format!("tenure-{area}.json")))
+    }
+
+    /// Keeps that, on the disk itself.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn store_tenure(&self, area: &str, stored: Stored) -> io::Result<()> {
+        write(&self.directory.join(format!("tenure-{area}.json")), &stored, true)
     }
 
     /// Where the cursor into the journal of a host is.

@@ -1,12 +1,13 @@
 //! What came from other hosts and was not looked at yet: bounded queues that threads of the network
 //! fill and the loop of the bridge empties.
 //!
-//! The policy of each: scans, the newest win; health, the newest win; pages of events, what finds no
-//! room goes (the desk asks for it again); questions, what finds no room goes unanswered (the desk
-//! asks again).
+//! The policy of each: scans, the newest win; health, the newest win; pages of events and of files, what
+//! finds no room goes (it is asked for again); questions, what finds no room goes unanswered (they are
+//! asked again); of whether a host is there and of its claims only the newest is kept, and never lost.
 
+use protocol::link::AreaFile;
 use rustix::event::{EventfdFlags, eventfd};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -19,6 +20,9 @@ pub const HEALTH_MAX: usize = 256;
 pub const PAGES_MAX: usize = 32;
 /// Most questions to the own journal that wait: one a desk, and some that were given up.
 pub const ASKS_MAX: usize = 16;
+
+/// Most pages of files that wait: one an area is asked for at a time.
+pub const FILES_MAX: usize = 8;
 
 /// What was thrown away because there was no room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -44,12 +48,29 @@ pub struct Ask<Q> {
     pub query: Q,
 }
 
+/// A question for a part of a file of an area.
+#[derive(Debug)]
+pub struct FileAsk<Q> {
+    /// The area's id.
+    pub area: String,
+    /// Which file.
+    pub file: AreaFile,
+    /// From where on.
+    pub offset: u64,
+    /// Whom to answer.
+    pub query: Q,
+}
+
 #[derive(Debug)]
 struct Queues<Q> {
     scans: Vec<VecDeque<Vec<u8>>>,
     health: VecDeque<(usize, Vec<u8>)>,
     pages: VecDeque<(usize, Vec<u8>)>,
     asks: VecDeque<Ask<Q>>,
+    alive: BTreeMap<usize, bool>,
+    claims: BTreeMap<usize, Vec<u8>>,
+    files: VecDeque<(usize, Vec<u8>)>,
+    file_asks: VecDeque<FileAsk<Q>>,
     dropped: Dropped,
 }
 
@@ -64,6 +85,14 @@ pub struct Arrived<Q> {
     pub pages: VecDeque<(usize, Vec<u8>)>,
     /// Questions.
     pub asks: VecDeque<Ask<Q>>,
+    /// By the index of a host: its token came, or went.
+    pub alive: BTreeMap<usize, bool>,
+    /// By the index of a host: its encoded claims.
+    pub claims: BTreeMap<usize, Vec<u8>>,
+    /// Encoded pages of files, and the index of the host that they are of.
+    pub files: VecDeque<(usize, Vec<u8>)>,
+    /// Questions for files.
+    pub file_asks: VecDeque<FileAsk<Q>>,
 }
 
 /// The queues, and the descriptor that wakes the loop.
@@ -84,6 +113,10 @@ impl<Q> Inbox<Q> {
             health: VecDeque::new(),
             pages: VecDeque::new(),
             asks: VecDeque::new(),
+            alive: BTreeMap::new(),
+            claims: BTreeMap::new(),
+            files: VecDeque::new(),
+            file_asks: VecDeque::new(),
             dropped: Dropped::default(),
         };
         let bell = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
@@ -135,6 +168,42 @@ impl<Q> Inbox<Q> {
         self.ring(queues);
     }
 
+    /// The token of a host came, or went.
+    pub fn alive(&self, host: usize, alive: bool) {
+        let mut queues = self.lock();
+        queues.alive.insert(host, alive);
+        self.ring(queues);
+    }
+
+    /// Claims of a host.
+    pub fn claims(&self, host: usize, bytes: Vec<u8>) {
+        let mut queues = self.lock();
+        queues.claims.insert(host, bytes);
+        self.ring(queues);
+    }
+
+    /// A page of a file of a host.
+    pub fn file(&self, host: usize, bytes: Vec<u8>) {
+        let mut queues = self.lock();
+        if queues.files.len() < FILES_MAX {
+            queues.files.push_back((host, bytes));
+        } else {
+            queues.dropped.pages += 1;
+        }
+        self.ring(queues);
+    }
+
+    /// A question for a file.
+    pub fn ask_file(&self, ask: FileAsk<Q>) {
+        let mut queues = self.lock();
+        if queues.file_asks.len() < ASKS_MAX {
+            queues.file_asks.push_back(ask);
+        } else {
+            queues.dropped.asks += 1;
+        }
+        self.ring(queues);
+    }
+
     /// Something was longer than it may be, and was not taken.
     pub fn too_long(&self) {
         self.lock().dropped.too_long += 1;
@@ -146,7 +215,8 @@ impl<Q> Inbox<Q> {
         let mut count = [0; 8];
         let _ = rustix::io::read(&self.bell, &mut count); // it did not ring: nothing to silence
         let mut queues = self.lock();
-        let Queues { scans, health, pages, asks, .. } = &mut *queues;
+        let Queues { scans, health, pages, asks, alive, claims, files, file_asks, .. } =
+            &mut *queues;
         let drained = scans.iter_mut().enumerate();
         Arrived {
             scans: drained
@@ -155,6 +225,10 @@ impl<Q> Inbox<Q> {
             health: std::mem::take(health),
             pages: std::mem::take(pages),
             asks: std::mem::take(asks),
+            alive: std::mem::take(alive),
+            claims: std::mem::take(claims),
+            files: std::mem::take(files),
+            file_asks: std::mem::take(file_asks),
         }
     }
 

@@ -18,6 +18,7 @@
 //! - **Nothing enters shared memory that was not decoded and bounded**: kind, version, length, every
 //!   field; a scan only of a laser that runs there, an event only of an origin that lives there,
 //!   health only of a process that the site file places there. What is refused is counted.
+//! - **An area that two hosts may run is run by one**, as soon as they hear each other: [`ownership`].
 //! - Callbacks of zenoh only move bytes into bounded queues ([`inbox`]); all else is one thread.
 //!
 //! - **Who is on the other side is proved by its certificate**, and it may say only what is its own
@@ -30,6 +31,8 @@
 //! | what does the process do, in which order | `run` |
 //! | who may say what | [`access`], pure |
 //! | who tried without the right to | [`guard`] |
+//! | which of two hosts runs an area | [`ownership`], pure; `run/areas.rs` acts |
+//! | how does a standby get the map | [`replica`] |
 //! | when has a desk everything | [`follower`], pure |
 //! | how is the own journal told | `teller`, `feed_line` |
 //! | what is known of the other hosts | [`remote`], pure |
@@ -46,6 +49,7 @@ pub mod inbox;
 mod link;
 pub mod ownership;
 pub mod remote;
+pub mod replica;
 mod run;
 mod teller;
 

@@ -5,19 +5,23 @@
 //! must be the same everywhere) and dialled again every 0.5 to 1 s. TCP buffers are small, so that
 //! nothing old sits in the kernel in front of an event.
 
+mod areas;
+
 use crate::access;
 use crate::inbox::{Ask, Inbox};
+use areas::Sharing;
 use certificates::Files;
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::PAGE_BYTES_MAX;
 use protocol::scan::BEAMS_MAX;
-use protocol::site::{Host, Site, Transport};
+use protocol::site::{Area, Host, Site, Transport};
 use protocol::topic;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 use zenoh::Wait;
-use zenoh::pubsub::Publisher;
+use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
 use zenoh::sample::Sample;
@@ -42,6 +46,8 @@ pub struct Stream {
     pub host: String,
     /// The laser's id.
     pub laser: String,
+    /// True if its area has a standby: the scans come only while the area runs here.
+    pub shared: bool,
 }
 
 /// The session, and what is sent on it.
@@ -53,12 +59,17 @@ pub struct Link {
     scans: Vec<(usize, Publisher<'static>)>,
     health: Publisher<'static>,
     live: Publisher<'static>,
+    /// Keys of the streams that do not always come.
+    streams: Vec<Option<String>>,
+    /// Those of them that come now.
+    listening: BTreeMap<usize, Subscriber<()>>,
+    sharing: Option<Sharing>,
 }
 
 impl Link {
     /// Opens the session of host `me`: listens, dials the others in the background, for ever.
     /// `streams` are the scans that come here; `outgoing` the lasers whose scans go from here.
-    /// What comes is put into `inbox`. `files` are read where the hosts use TLS.
+    /// `areas` are those that this host shares with another one. What comes is put into `inbox`. `files` are read where the hosts use TLS.
     ///
     /// # Errors
     /// If the endpoint cannot be listened on.
@@ -67,6 +78,7 @@ impl Link {
         me: &Host,
         streams: &[Stream],
         outgoing: &[(usize, String)],
+        areas: &[String],
         inbox: &Arc<Inbox<Asker>>,
         files: &Files,
     ) -> Result<Self, String> {
@@ -79,6 +91,9 @@ impl Link {
         let session = zenoh::open(config).wait().map_err(failed)?;
         let others = site.hosts.iter().enumerate().filter(|(_, host)| host.id != me.id);
         for (index, stream) in streams.iter().enumerate() {
+            if stream.shared {
+                continue;
+            }
             let (key, inbox) = (topic::scan_key(&site.name, &stream.host, &stream.laser), inbox);
             receive(&session, key, SCAN_BYTES_MAX, inbox, move |i, b| i.scan(index, b))?;
         }
@@ -104,13 +119,27 @@ impl Link {
             let key = topic::scan_key(&site.name, &me.id, id);
             Ok((*laser, publisher(key, Priority::Data)?))
         });
+        let shared = |stream: &Stream| {
+            let key = || topic::scan_key(&site.name, &stream.host, &stream.laser);
+            stream.shared.then(key)
+        };
+        let sharing = (!areas.is_empty())
+            .then(|| Sharing::declare(&session, site, me, &partners(site, me), areas, inbox));
         Ok(Self {
+            streams: streams.iter().map(shared).collect(),
+            listening: BTreeMap::new(),
+            sharing: sharing.transpose()?,
             site: site.name.clone(),
             scans: scans.collect::<Result<_, String>>()?,
             health: publisher(topic::health_key(&site.name, &me.id), Priority::DataLow)?,
             live: publisher(topic::live_key(&site.name, &me.id), Priority::InteractiveHigh)?,
             session,
         })
+    }
+
+    /// True if the scans of this laser go from here; those of others may lie in the same topic.
+    pub fn sends(&self, laser: usize) -> bool {
+        self.scans.iter().any(|(index, _)| *index == laser)
     }
 
     /// Sends an encoded scan, if there is room; false if no such laser sends from here.
@@ -167,6 +196,17 @@ impl Link {
     pub fn leave(self) {
         std::mem::forget(self);
     }
+}
+
+/// The hosts that may run an area that this one may run as well.
+fn partners(site: &Site, me: &Host) -> Vec<usize> {
+    let shares = |other: &Host| {
+        let both = |area: &Area| {
+            area.standby.is_some() && [me, other].iter().all(|h| area.may_run_on(Some(&h.id)))
+        };
+        other.id != me.id && site.areas.iter().any(both)
+    };
+    (0..site.hosts.len()).filter(|&index| shares(&site.hosts[index])).collect()
 }
 
 /// Receives what comes on a key; what is too long is counted and left.

@@ -71,6 +71,15 @@ impl RemoteHost {
         }
     }
 
+    /// An area does not run there: what its services said last is of no interest any more.
+    pub fn left(&mut self, area: &str) {
+        let of_area = |name: &str| {
+            let parts = name.split_once(' ');
+            parts.is_some_and(|(role, id)| role != "laser" && id == area)
+        };
+        self.services.retain(|name, _| !of_area(name));
+    }
+
     /// Messages of health that were refused.
     #[must_use]
     pub fn refused(&self) -> u64 {

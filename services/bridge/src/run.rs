@@ -1,30 +1,33 @@
 //! The process `tog bridge`. Its loop is the whole of what it does: what is here goes out, what came
 //! goes in, what is due is done, then it sleeps.
 
+mod areas;
 mod health;
+mod scans;
+
+use areas::Areas;
+use scans::{Incoming, Lanes};
 
 use crate::cursor::Shelf;
 use crate::follower::{Follower, Origins};
 use crate::guard::{self, Alarm};
 use crate::inbox::{Arrived, Inbox};
-use crate::link::{Asker, Link, Stream};
+use crate::link::{Asker, Link};
 use crate::remote::RemoteHost;
 use crate::teller::{Tell, Teller};
 use certificates::{Certificate, Files, Identity, common_name};
-use process::loss::LossCounter;
 use process::{
     Failure, Interest, Publisher, Role, Subscriber, Token, Worker, monotonic_ns, wall_ns,
 };
 use protocol::codec::{Encoded, decode, encode};
 use protocol::event::{EventAcknowledgement, EventChange, EventHeader, journal_origin};
 use protocol::health::{Health, ServiceState};
-use protocol::link::{CarriedScan, EventPage};
-use protocol::scan::{LaserScan, ScanHeader};
+use protocol::link::EventPage;
+use protocol::scan::ScanHeader;
 use protocol::site::{Host, Site};
 use protocol::time::SECOND_NS;
 use protocol::topic;
-use protocol::wire::{BytesHeader, Envelope, FLAG_END_OF_STREAM};
-use std::collections::BTreeSet;
+use protocol::wire::BytesHeader;
 use std::sync::Arc;
 
 /// Runs the bridge until it is asked to stop.
@@ -33,6 +36,7 @@ use std::sync::Arc;
 /// If the endpoint cannot be listened on, or shared memory or the state directory cannot be used.
 pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let mut bridge = Bridge::open(worker)?;
+    bridge.begin_areas();
     worker.health.set_state(ServiceState::Running);
     loop {
         bridge.send_scans()?;
@@ -43,19 +47,11 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         bridge.tell_health(worker);
         let deadline_ns = bridge.deadline_ns();
         if worker.wait(Some(deadline_ns))?.stop {
+            bridge.release_areas();
             bridge.link.leave();
             return Ok(());
         }
     }
-}
-
-/// Scans of another host.
-struct Incoming {
-    laser: String,
-    /// Index of the laser in the site.
-    index: u32,
-    scans: Publisher<ScanHeader, f32>,
-    losses: LossCounter,
 }
 
 /// The journal of another host, as this desk follows it.
@@ -97,6 +93,7 @@ struct Bridge {
     /// Where the hosts use TLS.
     certificate: Option<Certificate>,
     alarm: Alarm,
+    areas: Areas,
     counters: Counters,
 }
 
@@ -105,24 +102,8 @@ impl Bridge {
         let site = worker.site.clone();
         let me = worker.instance.host.as_deref().and_then(|id| site.host(id));
         let me = me.ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))?.clone();
-        let crossing: Vec<_> = site.lasers_that_cross().collect();
-        let on_me = |host: Option<&str>| host == Some(me.id.as_str());
-        let (mut incoming, mut streams) = (Vec::new(), Vec::new());
-        let (mut sent, mut areas) = (Vec::new(), BTreeSet::new());
-        for (index, laser, area) in crossing {
-            let from = site.host_of_laser(laser).unwrap_or_default().to_owned();
-            if on_me(site.host_of_area(area)) {
-                let scans = worker.bus.publisher(&topic::scan(&area.id), index as u32)?;
-                let (laser, losses) = (laser.id.clone(), LossCounter::default());
-                streams.push(Stream { host: from, laser: laser.clone() });
-                incoming.push(Incoming { laser, index: index as u32, scans, losses });
-            } else if on_me(Some(&from)) {
-                sent.push((index, laser.id.clone()));
-                areas.insert(area.id.clone());
-            }
-        }
-        let outgoing = areas.iter().map(|area| worker.bus.subscriber(&topic::scan(area)));
-        let outgoing = outgoing.collect::<Result<_, _>>()?;
+        let Lanes { incoming, streams, of_areas, sent, outgoing } =
+            Lanes::open(worker, &site, &me)?;
         let shelf = Shelf::open(&worker.instance.state_dir)?;
         let now_ns = monotonic_ns();
         let followed = if me.desk { follow(&site, &me, &shelf, now_ns) } else { Vec::new() };
@@ -141,8 +122,10 @@ impl Bridge {
         let bell = worker.events.watch(inbox.bell(), Interest::Read)?;
         let files = Files::of(&worker.instance.resolve(&site.tls_dir), &me.id);
         let certificate = certificate(&site, &me, &files)?;
-        let link =
-            Link::open(&site, &me, &streams, &sent, &inbox, &files).map_err(Failure::Failed)?;
+        let shared = areas::shared_areas(&site, &me);
+        let link = Link::open(&site, &me, &streams, &sent, &shared, &inbox, &files)
+            .map_err(Failure::Failed)?;
+        let areas = Areas::open(worker, &me, &shelf, &of_areas)?;
         let count = site.hosts.len() - 1;
         tracing::info!("host {} listens on {} and looks for {count} more", me.id, me.endpoint);
         Ok(Self {
@@ -163,32 +146,9 @@ impl Bridge {
             inbox,
             certificate,
             alarm: Alarm::default(),
+            areas,
             counters: Counters::default(),
         })
-    }
-
-    /// Scans of the lasers here, to the hosts of their areas.
-    fn send_scans(&mut self) -> Result<(), Failure> {
-        for scans in &mut self.outgoing {
-            while let Some(sample) = scans.receive()? {
-                let header = *sample.header();
-                let scan = (!sample.is_end_of_stream()).then(|| LaserScan {
-                    stamp_ns: header.stamp_ns,
-                    device_stamp_ns: header.device_stamp_ns,
-                    geometry: header.geometry,
-                    ranges_m: sample.payload().to_vec(),
-                });
-                let Envelope { session, seq, source, .. } = header.envelope;
-                let sent = encode(&CarriedScan { session, seq, scan })
-                    .is_ok_and(|bytes| self.link.send_scan(source as usize, bytes));
-                if sent {
-                    self.counters.scans_out += 1;
-                } else {
-                    self.counters.scans_refused += 1;
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Health of everybody here, to all hosts.
@@ -233,7 +193,10 @@ impl Bridge {
 
     /// What came from other hosts.
     fn take_arrived(&mut self) -> Result<(), Failure> {
-        let Arrived { scans, health, pages, asks } = self.inbox.take();
+        let Arrived { scans, health, pages, asks, alive, claims, files, file_asks } =
+            self.inbox.take();
+        self.take_areas(alive, claims)?;
+        self.take_files(files, file_asks);
         let now_ns = monotonic_ns();
         for (stream, bytes) in scans {
             self.take_scan(stream, &bytes)?;
@@ -263,36 +226,6 @@ impl Bridge {
             self.teller.ask(ask, now_ns, &mut out);
         }
         self.tell(out);
-        Ok(())
-    }
-
-    fn take_scan(&mut self, stream: usize, bytes: &[u8]) -> Result<(), Failure> {
-        let Some(incoming) = self.incoming.get_mut(stream) else { return Ok(()) };
-        let carried = match decode::<CarriedScan>(bytes) {
-            Ok(carried) => carried,
-            Err(error) => {
-                let laser = format!("laser {}", incoming.laser);
-                refuse(&mut self.counters.scans_refused, &laser, &error);
-                return Ok(());
-            }
-        };
-        let (session, seq, source) = (carried.session, carried.seq, incoming.index);
-        incoming.losses.observe(&Envelope { session, seq, source, ..Envelope::default() });
-        let ranges_m = carried.scan.as_ref().map_or(&[][..], |scan| &scan.ranges_m);
-        let mut loan = incoming.scans.loan(ranges_m.len())?;
-        loan.payload_mut().copy_from_slice(ranges_m);
-        let header = loan.header_mut();
-        *header = ScanHeader::default();
-        match &carried.scan {
-            Some(scan) => {
-                header.stamp_ns = scan.stamp_ns;
-                header.device_stamp_ns = scan.device_stamp_ns;
-                header.geometry = scan.geometry;
-            }
-            None => header.envelope.flags = FLAG_END_OF_STREAM,
-        }
-        loan.send();
-        self.counters.scans_in += 1;
         Ok(())
     }
 
@@ -335,6 +268,7 @@ impl Bridge {
                 self.teller.ready(token, now_ns, &mut out);
             }
         }
+        self.serve_areas()?;
         self.teller.tick(now_ns, &mut out);
         self.tell(out);
         let mut again = Vec::new();
@@ -366,7 +300,10 @@ impl Bridge {
 
     fn deadline_ns(&self) -> u64 {
         let followers = self.followed.iter().filter_map(|f| f.follower.deadline_ns());
-        let due = followers.chain(self.teller.deadline_ns()).chain([self.looked_ns + SECOND_NS]);
+        let due = followers
+            .chain(self.teller.deadline_ns())
+            .chain(self.areas.deadline_ns())
+            .chain([self.looked_ns + SECOND_NS]);
         due.min().unwrap_or(u64::MAX)
     }
 }
@@ -396,7 +333,7 @@ fn follow(site: &Site, me: &Host, shelf: &Shelf, now_ns: u64) -> Vec<Followed> {
             None
         });
         let origins_on = |host: &Host| {
-            let areas = site.areas_on(Some(&host.id)).map(|area| area.id.clone());
+            let areas = site.areas_on(Some(&host.id)).map(|area| area.origin_on(Some(&host.id)));
             areas.chain([journal_origin(Some(&host.id))]).collect::<Vec<_>>()
         };
         let elsewhere = site.hosts.iter().filter(|other| other.id != host.id);

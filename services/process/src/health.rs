@@ -90,6 +90,11 @@ impl HealthReporter {
         }
     }
 
+    /// A value that there is not any more.
+    pub fn drop_gauge(&mut self, name: &str) {
+        self.health.gauges.remove(name);
+    }
+
     /// Says what the process is doing. `Degraded` need not be set: it is what `Running` is called
     /// while there are faults.
     pub fn set_state(&mut self, state: ServiceState) {

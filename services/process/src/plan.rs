@@ -55,6 +55,8 @@ const HEALTH_BUFFER: usize = 4;
 const EVENT_BYTES_MAX: usize = 8 << 10;
 /// An encoded acknowledgement: an id and a number.
 const ACKNOWLEDGEMENT_BYTES_MAX: usize = 1 << 10;
+/// An encoded ownership: 64 ids of 32 bytes.
+const OWNERSHIP_BYTES_MAX: usize = 4 << 10;
 
 impl TopicPlan {
     fn new<H: Header, E: Element>(topic: &Topic<H, E>, publishers: usize, readers: usize) -> Self {
@@ -151,9 +153,11 @@ impl Plan {
         let (scans, maps) = (recorder(RecordedTopics::Scans), recorder(RecordedTopics::Maps));
         for area in site.areas_on(host) {
             let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
+            // Of an area that may have to run elsewhere the bridge reads the scans, too.
+            let shared = usize::from(area.standby.is_some());
             let (id, grid) = (&area.id, area.grid());
             let scan = topic::scan(id);
-            let plan = TopicPlan::new(&scan, lasers, 1 + scans).buffered(SCAN_BUFFER, 0);
+            let plan = TopicPlan::new(&scan, lasers, 1 + scans + shared).buffered(SCAN_BUFFER, 0);
             // A recording of a lossless replay has every scan as well.
             topics.push(plan.lossless_for(1 + scans));
             let frame = topic::frame(id, grid.plane_words());
@@ -174,7 +178,8 @@ impl Plan {
         topics.push(plan.buffered(EVENT_BUFFER, 0));
         // One acknowledgement an origin, so that each finds its own although others follow it.
         let acknowledgement = topic::event_acknowledgement();
-        let origins = site.areas.len() + 1 + bridge * site.hosts.len();
+        let standbys = site.areas.iter().filter(|area| area.standby.is_some()).count();
+        let origins = site.areas.len() + standbys + 1 + bridge * site.hosts.len();
         let readers = site.areas_on(host).count() + 1 + bridge;
         let plan = TopicPlan::new(&acknowledgement, 1, readers)
             .at_most(&acknowledgement, ACKNOWLEDGEMENT_BYTES_MAX);
@@ -183,6 +188,11 @@ impl Plan {
         let health = TopicPlan::new(&topic::health(), processes, 1 + bridge);
         let health = health.buffered(HEALTH_BUFFER, 0);
         topics.push(health);
+        if bridge > 0 {
+            let ownership = topic::ownership();
+            let plan = TopicPlan::new(&ownership, 1, 1).at_most(&ownership, OWNERSHIP_BYTES_MAX);
+            topics.push(plan.buffered(2, 1)); // a state: the newest counts, a late reader gets it
+        }
         Self { topics, processes }
     }
 
@@ -208,7 +218,7 @@ impl Plan {
 
 /// Scans of lasers that run here for an area of another host: only the bridge reads them.
 fn crossing_scans(site: &Site, host: Option<&str>) -> Vec<TopicPlan> {
-    let elsewhere = site.areas.iter().filter(|area| site.host_of_area(area) != host);
+    let elsewhere = site.areas.iter().filter(|area| !area.may_run_on(host));
     let plan = |area: &Area| {
         let lasers = site.lasers_on(host).filter(|laser| laser.area == area.id).count();
         let topic = || TopicPlan::new(&topic::scan(&area.id), lasers, 1).buffered(SCAN_BUFFER, 0);
@@ -294,11 +304,11 @@ mod tests {
         }
         let edge = Plan::new(&site, Some("edge"));
         let names: Vec<_> = edge.topics.iter().map(|topic| topic.name.as_str()).collect();
-        assert_eq!(names, ["scan/a", "event", "event-ack", "health"]);
+        assert_eq!(names, ["scan/a", "event", "event-ack", "health", "ownership"]);
         assert_eq!(edge.topic("scan/a").unwrap().publishers, 2);
         assert_eq!(edge.processes, 1 + 1 + 2, "alerts, bridge, two lasers");
         let desk = Plan::new(&site, Some("desk"));
-        assert_eq!(desk.topics.len(), 7);
+        assert_eq!(desk.topics.len(), 8);
         let scans = desk.topic("scan/a").unwrap();
         assert_eq!(scans.publishers, 3, "its own laser, and two by the bridge");
         assert_eq!(desk.topic("event").unwrap().publishers, 1 + 1 + 1);

@@ -89,9 +89,19 @@ impl Role {
         })
     }
 
-    /// All processes of a site on `host` (none for a site without hosts), in the order in which they are started: readers before those whose
-    /// messages they read, so that the first scan already finds everybody. Its position here is a
-    /// process's index as the source of health messages.
+    /// The area that it serves, if it is one of the services of an area.
+    #[must_use]
+    pub fn area(&self) -> Option<&str> {
+        match self {
+            Self::Anomaly { area } | Self::Mapper { area } | Self::Fusion { area } => Some(area),
+            Self::Alerts | Self::Bridge | Self::Recorder | Self::Laser { .. } => None,
+        }
+    }
+
+    /// All processes of a site on `host` (none for a site without hosts), those that it runs only as a
+    /// standby included, in the order in which they are started: readers before those whose messages
+    /// they read, so that the first scan already finds everybody. Its position here is a process's
+    /// index as the source of health messages.
     #[must_use]
     pub fn all(site: &Site, host: Option<&str>) -> Vec<Self> {
         let mut roles = vec![Self::Alerts];

@@ -19,6 +19,8 @@ pub enum ProcessState {
     Ended,
     /// It ended, and waits for its next start.
     Waiting,
+    /// It runs on another host, and here when that one is lost.
+    Standby,
 }
 
 /// One process.
@@ -73,7 +75,8 @@ const HEALTH_AGE_MAX_S: f64 = 3.0;
 impl ServiceStatus {
     /// True if it runs, tells its health in time and says that nothing is wrong.
     fn is_well(&self) -> bool {
-        matches!(self.state, ProcessState::Running | ProcessState::Ended) && !self.is_overdue()
+        use ProcessState::{Ended, Running, Standby};
+        matches!(self.state, Running | Ended | Standby) && !self.is_overdue()
     }
 
     /// True if it runs and has not told its health for too long.

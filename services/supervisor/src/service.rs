@@ -38,6 +38,8 @@ pub struct Service {
     pub restarts: u64,
     /// Its last end.
     pub last_end: Option<End>,
+    /// True while its area runs on another host.
+    held: bool,
     running: Option<Running>,
     started_before: bool,
     health: Option<Health>,
@@ -69,12 +71,33 @@ impl Service {
             start_at_ns: Some(0),
             restarts: 0,
             last_end: None,
+            held: false,
             running: None,
             started_before: false,
             health: None,
             heard_mono_ns: None,
             lines: Lines::default(),
         }
+    }
+
+    /// It is not to run, from now on or again: its area runs on another host.
+    pub fn hold(&mut self) {
+        (self.held, self.start_at_ns, self.started_before) = (true, None, false);
+        (self.health, self.heard_mono_ns) = (None, None);
+        self.ask_to_stop();
+    }
+
+    /// It is to run here.
+    pub fn let_run(&mut self, now_ns: u64) {
+        if std::mem::replace(&mut self.held, false) && self.running.is_none() {
+            self.start_at_ns = Some(now_ns);
+        }
+    }
+
+    /// True while it is not to run.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        self.held
     }
 
     /// Starts it.
@@ -256,6 +279,7 @@ impl Service {
         let health = self.health.clone();
         let state = match (&self.running, health.as_ref().map(|health| health.state)) {
             (_, Some(ServiceState::Ended)) => ProcessState::Ended,
+            _ if self.held => ProcessState::Standby,
             (None, _) => ProcessState::Waiting,
             (Some(_), None | Some(ServiceState::Starting)) => ProcessState::Starting,
             (Some(_), Some(ServiceState::Running)) => ProcessState::Running,

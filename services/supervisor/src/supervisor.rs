@@ -9,6 +9,7 @@ use process::domain::{Owner, OwnerOptions, is_lossless};
 use process::{Bus, Clock, EventLoop, Role, Subscriber, exit, monotonic_ns, wall_ns};
 use protocol::codec::decode;
 use protocol::health::Health;
+use protocol::ownership::{AreaOwnership, Ownership};
 use protocol::site::{Pace, Site, Source};
 use protocol::topic;
 use protocol::wire::BytesHeader;
@@ -128,6 +129,8 @@ enum Phase {
 struct Supervisor {
     services: Vec<Service>,
     health: Subscriber<BytesHeader, u8>,
+    /// Where several hosts may run an area.
+    ownership: Option<Subscriber<BytesHeader, u8>>,
     control: Control,
     output: Output,
     phase: Phase,
@@ -165,9 +168,19 @@ impl Supervisor {
         let control = Control::listen(&socket, &events)
             .map_err(|error| format!("cannot listen on {}: {error}", socket.display()))?;
         let services = roles.into_iter().enumerate().map(|(n, role)| Service::new(role, n));
+        let mut services: Vec<_> = services.collect();
+        let shared = |area: &protocol::site::Area| area.standby.is_some();
+        let shared: Vec<_> =
+            site.areas.iter().filter(|a| shared(a)).map(|a| a.id.as_str()).collect();
+        let is_shared = |role: &Role| role.area().is_some_and(|area| shared.contains(&area));
+        // The bridge says which of them run here.
+        services.iter_mut().filter(|service| is_shared(&service.role)).for_each(Service::hold);
+        let ownership = site.has_bridges().then(|| bus.subscriber(&topic::ownership()));
+        let ownership = ownership.transpose().map_err(|error| error.to_string())?;
         Ok(Self {
-            services: services.collect(),
+            services,
             health,
+            ownership,
             control,
             output,
             phase: Phase::Running,
@@ -198,6 +211,7 @@ impl Supervisor {
             match self.events.wait(self.due_ns()) {
                 Ok(wake) => {
                     self.take_health();
+                    self.take_ownership();
                     while let Some(token) = self.events.next_ready() {
                         self.serve(token);
                     }
@@ -220,6 +234,35 @@ impl Supervisor {
                 && let Some(service) = self.services.iter_mut().find(|s| s.name == health.service)
             {
                 service.heard(health);
+            }
+        }
+    }
+
+    /// Which areas run here, as the bridge says; its last word stands when it is gone.
+    fn take_ownership(&mut self) {
+        let Some(ownership) = &mut self.ownership else { return };
+        let mut newest = None;
+        while let Ok(Some(message)) = ownership.receive() {
+            newest = decode::<Ownership>(message.payload()).ok().or(newest);
+        }
+        if !matches!(self.phase, Phase::Running) {
+            return;
+        }
+        let now_ns = monotonic_ns();
+        for AreaOwnership { area, runs } in newest.into_iter().flat_map(|newest| newest.areas) {
+            let of_area = |service: &&mut Service| service.role.area() == Some(area.as_str());
+            let mut changed = false;
+            for service in self.services.iter_mut().filter(of_area) {
+                changed |= service.is_held() == runs;
+                match (service.is_held(), runs) {
+                    (true, true) => service.let_run(now_ns),
+                    (false, false) => service.hold(),
+                    _ => {}
+                }
+            }
+            if changed {
+                let what = if runs { "runs here now" } else { "runs on another host now" };
+                self.output.say(&format!("WARN area {area} {what}"));
             }
         }
     }
@@ -252,6 +295,9 @@ impl Supervisor {
             return; // its end is the beginning of all others'
         }
         let service = &mut self.services[index];
+        if service.is_held() {
+            return;
+        }
         let now_ns = monotonic_ns();
         match service.policy.ended(now_ns, end) {
             Decision::RestartAfter(delay_ns) => {
@@ -371,6 +417,11 @@ impl Supervisor {
     fn watch_for_silence(&mut self, now_ns: u64) {
         for service in &mut self.services {
             let silence_max_ns = self.silence_max_ns;
+            let late = service.asked_to_stop_ns().is_some_and(|at| now_ns >= at + GRACE_NS);
+            if late && service.kill() {
+                let line = "WARN did not stop: killed";
+                self.output.line(service.index, &service.name, line);
+            }
             let silent = service.silent_at_ns(silence_max_ns).is_some_and(|at| now_ns >= at);
             if silent && service.kill() {
                 let silence_s = silence_max_ns as f64 / 1e9;
@@ -381,8 +432,9 @@ impl Supervisor {
     }
 
     fn recordings_are_over(&self) -> bool {
-        let mut anomalies =
-            self.services.iter().filter(|s| matches!(s.role, Role::Anomaly { .. })).peekable();
+        let anomalies =
+            self.services.iter().filter(|s| matches!(s.role, Role::Anomaly { .. }) && !s.is_held());
+        let mut anomalies = anomalies.peekable();
         anomalies.peek().is_some() && anomalies.all(Service::has_ended)
     }
 
@@ -426,7 +478,7 @@ impl Supervisor {
         let of_service = |service: &Service| {
             let silence = service.silent_at_ns(self.silence_max_ns);
             let grace = service.asked_to_stop_ns().map(|at| at + GRACE_NS);
-            let death = if is_running { silence } else { grace };
+            let death = if is_running { silence.into_iter().chain(grace).min() } else { grace };
             let death = if service.is_dying() { None } else { death };
             service.start_at_ns.into_iter().chain(death).min()
         };

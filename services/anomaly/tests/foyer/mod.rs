@@ -22,6 +22,7 @@ pub fn area_of(scene: &Scene, detector: Detector) -> Area {
     Area {
         id: scene.area.id.clone(),
         host: None,
+        standby: None,
         origin_m: grid.origin_m,
         cell_m: grid.cell_m,
         columns: grid.columns,

@@ -46,6 +46,7 @@ impl Bridge {
             .map(|reason| format!("the events of this host cannot be told to others: {reason}"));
         health.set_fault("journal_unreadable", fault);
         self.tell_security(worker, now_ns);
+        self.tell_areas(worker, now_ns);
         self.tell_remote(worker, now_ns);
     }
 

@@ -1,0 +1,162 @@
+//! What two hosts that may run an area say to each other: that they are there, what they claim, and the
+//! files that the one copies of the other.
+
+use super::{Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, receive, take};
+use crate::inbox::{FileAsk, Inbox};
+use protocol::codec::ENVELOPE_BYTES;
+use protocol::link::{AreaFile, FILE_PAGE_BYTES_MAX, FilePage};
+use protocol::site::{Host, Site};
+use protocol::topic;
+use std::sync::Arc;
+use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Query;
+use zenoh::sample::SampleKind;
+
+/// Longest page of a file: its bytes, and room for the rest.
+const FILE_MESSAGE_BYTES_MAX: usize = FILE_PAGE_BYTES_MAX + 256 + ENVELOPE_BYTES;
+
+/// What is declared for the areas that this host shares with others.
+#[derive(Debug)]
+pub(super) struct Sharing {
+    claims: Publisher<'static>,
+    /// That this host is there, for as long as its session is.
+    _token: LivelinessToken,
+}
+
+impl Sharing {
+    /// Declares what `me` says, and listens to `others` (their indices in the site).
+    pub(super) fn declare(
+        session: &zenoh::Session,
+        site: &Site,
+        me: &Host,
+        others: &[usize],
+        areas: &[String],
+        inbox: &Arc<Inbox<Asker>>,
+    ) -> Result<Self, String> {
+        let failed = |error: zenoh::Error| error.to_string();
+        for &index in others {
+            let host = &site.hosts[index].id;
+            let key = topic::claim_key(&site.name, host);
+            receive(session, key, MESSAGE_BYTES_MAX, inbox, move |i, b| i.claims(index, b))?;
+            let put = Arc::clone(inbox);
+            session
+                .liveliness()
+                .declare_subscriber(topic::alive_key(&site.name, host))
+                .history(true)
+                .callback(move |sample| put.alive(index, sample.kind() == SampleKind::Put))
+                .background()
+                .wait()
+                .map_err(failed)?;
+        }
+        for area in areas {
+            let (inbox, area) = (Arc::clone(inbox), area.clone());
+            session
+                .declare_queryable(topic::replica_key(&site.name, &me.id, &area))
+                .callback(move |query| {
+                    if let Some(ask) = file_ask(&area, query) {
+                        inbox.ask_file(ask);
+                    }
+                })
+                .background()
+                .wait()
+                .map_err(failed)?;
+        }
+        let claims = session
+            .declare_publisher(topic::claim_key(&site.name, &me.id))
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::InteractiveHigh)
+            .express(true)
+            .wait()
+            .map_err(failed)?;
+        let token = session.liveliness().declare_token(topic::alive_key(&site.name, &me.id));
+        Ok(Self { claims, _token: token.wait().map_err(failed)? })
+    }
+}
+
+/// `file=map;offset=0`; none if it is not understood: who asked hears nothing, and asks again.
+fn file_ask(area: &str, query: Query) -> Option<FileAsk<Asker>> {
+    let parameters = query.parameters();
+    let file = match parameters.get("file")? {
+        "map" => AreaFile::Map,
+        "normal" => AreaFile::Normal,
+        _ => return None,
+    };
+    let offset = parameters.get("offset")?.parse().ok()?;
+    Some(FileAsk { area: area.to_owned(), file, offset, query: Asker(query) })
+}
+
+impl Link {
+    /// Sends encoded claims, if there is room.
+    pub fn send_claims(&self, bytes: Vec<u8>) {
+        if let Some(sharing) = &self.sharing {
+            let _ = sharing.claims.put(bytes).wait(); // the next ones are due in half a second
+        }
+    }
+
+    /// Asks a host for a part of a file; the answer comes as a page.
+    pub fn ask_file(
+        &self,
+        (index, host): (usize, &str),
+        area: &str,
+        (file, offset): (AreaFile, u64),
+        inbox: &Arc<Inbox<Asker>>,
+    ) {
+        let (inbox, key) = (Arc::clone(inbox), topic::replica_key(&self.site, host, area));
+        let file = match file {
+            AreaFile::Map => "map",
+            AreaFile::Normal => "normal",
+        };
+        let asked = self
+            .session
+            .get(format!("{key}?file={file};offset={offset}"))
+            .timeout(QUERY_TIMEOUT)
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::DataLow)
+            .callback(move |reply| {
+                if let Ok(sample) = reply.result() {
+                    take(sample, FILE_MESSAGE_BYTES_MAX, &inbox, |inbox, bytes| {
+                        inbox.file(index, bytes);
+                    });
+                }
+            })
+            .wait();
+        if let Err(error) = asked {
+            tracing::debug!("cannot ask host {host} for a file: {error}"); // it is asked again
+        }
+    }
+
+    /// Answers who asked for a part of a file.
+    pub fn answer_file(&self, asker: &Asker, page: &FilePage) {
+        match protocol::codec::encode(page) {
+            Ok(bytes) => self.answer(asker, bytes),
+            Err(error) => tracing::warn!("a page of a file is not sent: {error}"),
+        }
+    }
+
+    /// From here on the scans of this stream come, or come no more: an area moved.
+    pub fn listen(&mut self, stream: usize, listens: bool, inbox: &Arc<Inbox<Asker>>) {
+        if !listens {
+            self.listening.remove(&stream);
+            return;
+        }
+        let Some(Some(key)) = self.streams.get(stream).cloned() else { return };
+        if self.listening.contains_key(&stream) {
+            return;
+        }
+        let put = Arc::clone(inbox);
+        let declared = self
+            .session
+            .declare_subscriber(key)
+            .callback(move |sample| {
+                take(&sample, super::SCAN_BYTES_MAX, &put, |i, b| i.scan(stream, b));
+            })
+            .wait();
+        match declared {
+            Ok(subscriber) => drop(self.listening.insert(stream, subscriber)),
+            Err(error) => tracing::error!("cannot listen to scans: {error}"),
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! A host that is lost: its area goes on elsewhere, with the map as it was copied, and is run by one host
+//! again as soon as all hear each other.
+
+use super::bridge::{journal_of, of};
+use crate::harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
+use protocol::event::EventChange;
+use rustix::process::Signal;
+use std::net::TcpListener;
+use std::time::{Duration, Instant};
+use supervisor::StatusReport;
+
+/// `hall` runs on `main`, on `spare` if that is lost; its lasers on `edge`, which is a desk as well.
+fn three_hosts() -> String {
+    let listeners = [0, 1, 2].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
+    let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
+    let host = |(id, port): (&str, u16)| {
+        format!(
+            "[[host]]\nid = \"{id}\"\nendpoint = \"127.0.0.1:{port}\"\n\
+             transport = \"plain-tcp\"\ndesk = {}\n\n",
+            id == "edge"
+        )
+    };
+    let laser = |id: &str, place: &str| {
+        format!(
+            "[[laser]]\nid = \"{id}\"\nhost = \"edge\"\narea = \"hall\"\n{place}\n\
+             source = {{ kind = \"simulator\", scene = \"room\", seed = 1 }}\n\n"
+        )
+    };
+    let hosts: String = ["edge", "main", "spare"].into_iter().zip(ports).map(host).collect();
+    [
+        "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned(),
+        hosts,
+        "[[area]]\nid = \"hall\"\nhost = \"main\"\nstandby = \"spare\"\norigin_m = [-0.5, -0.5]\n\
+         columns = 110\nrows = 100\ncheckpoint_s = 1\ntimescales_s = [1, 2, 4]\n\n"
+            .to_owned(),
+        laser("south", "x_m = 4.6\ny_m = 0.2\nyaw_deg = 90"),
+        laser("north", "x_m = 5.2\ny_m = 8.8\nyaw_deg = -90"),
+    ]
+    .concat()
+}
+
+fn start(toml: &str, host: &str) -> Site {
+    Setup::new(toml).arguments(["--host", host]).start()
+}
+
+fn gauge(report: &StatusReport, service: &str, name: &str) -> Option<f64> {
+    find(report, service).gauges.get(name).copied()
+}
+
+fn runs_here(report: &StatusReport) -> bool {
+    gauge(report, "bridge", "area_runs_here hall") == Some(1.0)
+}
+
+/// Waits until the area's frames flow on this host.
+fn wait_until_it_runs(site: &mut Site) {
+    site.wait_until("frames of the area", |report| {
+        let maps = find(report, "anomaly hall").counters.get("class_maps_in").copied();
+        (runs_here(report) && maps.unwrap_or(0) > 0).then_some(())
+    });
+}
+
+fn wait_until_it_stands_by(site: &mut Site) {
+    site.wait_until("a standby with a copy", |report| {
+        let idle = find(report, "mapper hall").pid.is_none();
+        let copied = gauge(report, "bridge", "replica_age_s hall").is_some();
+        (idle && copied && !runs_here(report)).then_some(())
+    });
+}
+
+/// The whole host: its supervisor and all processes at once.
+fn kill_host(site: &mut Site) {
+    let supervisor = site.status().map(|report| report.pid);
+    for pid in supervisor.into_iter().chain(processes_of(&site.run_dir)) {
+        kill(pid, Signal::KILL);
+    }
+    site.wait_end_of_run();
+}
+
+#[test]
+fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_long() {
+    let toml = three_hosts();
+    let (mut edge, mut main, mut spare) =
+        (start(&toml, "edge"), start(&toml, "main"), start(&toml, "spare"));
+    wait_until_it_runs(&mut main);
+    wait_until_it_stands_by(&mut spare);
+
+    // A bridge alone that is killed moves nothing.
+    for _ in 0..3 {
+        main.kill("bridge", Signal::KILL);
+        let pid = main.pid_of("bridge");
+        main.wait_until("the bridge again", |report| {
+            (runs_here(report) && find(report, "bridge").pid == Some(pid)).then_some(())
+        });
+    }
+    let epoch = |site: &mut Site| {
+        site.wait_until("the epoch", |report| gauge(report, "bridge", "area_epoch hall"))
+    };
+    assert_eq!(epoch(&mut main), 2.0);
+
+    // The whole host.
+    let rounds = if is_nightly() { 10 } else { 2 };
+    let mut took_ms = Vec::new();
+    for _ in 0..rounds {
+        let (lost, other) = if runs_here(&main.status().unwrap()) {
+            (&mut main, &mut spare)
+        } else {
+            (&mut spare, &mut main)
+        };
+        let begin = Instant::now();
+        kill_host(lost);
+        wait_until_it_runs(other);
+        took_ms.push(begin.elapsed().as_millis());
+        let log = other.log().text();
+        assert!(log.contains("goes on from"), "the mapper goes on from the copy:\n{log}");
+        lost.start_again();
+        wait_until_it_stands_by(lost);
+        assert!(runs_here(&other.status().unwrap()), "it stays where it is");
+    }
+    took_ms.sort_unstable();
+    println!("back after ms: {took_ms:?}");
+
+    // A link that is cut: the owner's bridge stands still for longer than anybody waits.
+    let (owner, other) = if runs_here(&main.status().unwrap()) {
+        (&mut main, &mut spare)
+    } else {
+        (&mut spare, &mut main)
+    };
+    let held = owner.kill("bridge", Signal::STOP);
+    wait_until_it_runs(other);
+    kill(held, Signal::CONT);
+    wait_until_it_stands_by(owner);
+    assert!(runs_here(&other.status().unwrap()));
+    let state = owner.dir.join("state");
+    owner.wait_until("its own map is kept aside", |_| {
+        let kept = |host| state.join(host).join("hall.map.superseded").exists();
+        (kept("main") || kept("spare")).then_some(())
+    });
+
+    // A host that stops in good order.
+    let begin = Instant::now();
+    other.stop();
+    wait_until_it_runs(owner);
+    println!("handed over after {} ms", begin.elapsed().as_millis());
+
+    // The desk knows all that was told, whoever told it, once.
+    let of_owner = |site: &Site, host: &str, origin: &str| of(journal_of(site, host, origin));
+    for (site, host, origin) in [(&*owner, "main", "hall"), (&*owner, "spare", "hall@spare")] {
+        if !site.dir.join("state").join(host).exists() {
+            continue;
+        }
+        let sent: Vec<EventChange> = of_owner(site, host, origin);
+        let begin = Instant::now();
+        while of(journal_of(&edge, "edge", origin)).len() < sent.len() {
+            assert!(begin.elapsed() < WATCHDOG, "{origin}");
+            edge.log().wait_a_moment(Duration::from_millis(5));
+        }
+        assert_eq!(of(journal_of(&edge, "edge", origin)), sent, "{origin}");
+    }
+    owner.stop();
+    edge.stop();
+}
