@@ -2,8 +2,8 @@
 //! again as soon as all hear each other.
 
 use super::bridge::{journal_of, of};
+use super::feed::Desk;
 use crate::harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
-use protocol::event::EventChange;
 use rustix::process::Signal;
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
@@ -84,6 +84,12 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
     wait_until_it_runs(&mut main);
     wait_until_it_stands_by(&mut spare);
 
+    // What happens is told under the name of the area.
+    let told = Desk::open_while_degraded(&edge);
+    let raised = told.hold_laser_until_told(&mut edge, 0);
+    told.release_laser(&mut edge, &raised.change.id);
+    assert_eq!(raised.change.origin, "hall");
+
     // A bridge alone that is killed moves nothing.
     for _ in 0..3 {
         main.kill("bridge", Signal::KILL);
@@ -99,7 +105,7 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
 
     // The whole host.
     let rounds = if is_nightly() { 10 } else { 2 };
-    let mut took_ms = Vec::new();
+    let (mut took_ms, mut origins) = (Vec::new(), Vec::new());
     for _ in 0..rounds {
         let (lost, other) = if runs_here(&main.status().unwrap()) {
             (&mut main, &mut spare)
@@ -112,19 +118,21 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
         took_ms.push(begin.elapsed().as_millis());
         let log = other.log().text();
         assert!(log.contains("goes on from"), "the mapper goes on from the copy:\n{log}");
+        // And the detector, under a name of its own where it is the standby.
+        let raised = told.hold_laser_until_told(&mut edge, told.count());
+        told.release_laser(&mut edge, &raised.change.id);
+        origins.push(raised.change.origin);
         lost.start_again();
         wait_until_it_stands_by(lost);
         assert!(runs_here(&other.status().unwrap()), "it stays where it is");
     }
     took_ms.sort_unstable();
     println!("back after ms: {took_ms:?}");
+    assert_eq!(origins[..2], ["hall@spare", "hall"]);
 
     // A link that is cut: the owner's bridge stands still for longer than anybody waits.
-    let (owner, other) = if runs_here(&main.status().unwrap()) {
-        (&mut main, &mut spare)
-    } else {
-        (&mut spare, &mut main)
-    };
+    let is_main = runs_here(&main.status().unwrap());
+    let (owner, other) = if is_main { (&mut main, &mut spare) } else { (&mut spare, &mut main) };
     let held = owner.kill("bridge", Signal::STOP);
     wait_until_it_runs(other);
     kill(held, Signal::CONT);
@@ -142,13 +150,11 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
     wait_until_it_runs(owner);
     println!("handed over after {} ms", begin.elapsed().as_millis());
 
-    // The desk knows all that was told, whoever told it, once.
-    let of_owner = |site: &Site, host: &str, origin: &str| of(journal_of(site, host, origin));
-    for (site, host, origin) in [(&*owner, "main", "hall"), (&*owner, "spare", "hall@spare")] {
-        if !site.dir.join("state").join(host).exists() {
-            continue;
-        }
-        let sent: Vec<EventChange> = of_owner(site, host, origin);
+    // The desk knows all that was told, whoever told it, once and in order.
+    let runs = [(&main, "main", "hall"), (&spare, "spare", "hall@spare")];
+    for (site, host, origin) in runs {
+        let sent = of(journal_of(site, host, origin));
+        assert!(sent.len() >= 2, "{origin}");
         let begin = Instant::now();
         while of(journal_of(&edge, "edge", origin)).len() < sent.len() {
             assert!(begin.elapsed() < WATCHDOG, "{origin}");
@@ -156,6 +162,7 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
         }
         assert_eq!(of(journal_of(&edge, "edge", origin)), sent, "{origin}");
     }
+    let owner = if is_main { &mut main } else { &mut spare };
     owner.stop();
     edge.stop();
 }
