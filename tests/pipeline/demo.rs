@@ -1,7 +1,7 @@
 //! `tog demo`: the whole system, alive, in a minute.
 
 use super::support::{files, scratch, watched};
-use crate::harness::shared_memory;
+use harness::shared_memory;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

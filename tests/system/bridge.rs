@@ -1,9 +1,9 @@
 //! Two hosts of one site: two run roots on this machine, and TCP between them.
 
 use super::feed::{Desk, assert_whole};
-use crate::harness::{Random, Setup, Site, WATCHDOG, count, find, is_nightly, tog};
 use crate::pipeline::{made, support};
 use alerts::{JOURNAL_FILE, Journal};
+use harness::{Random, Setup, Site, WATCHDOG, count, find, is_nightly, tog};
 use process::{Bus, EventLoop, Instance};
 use protocol::event::{EventChange, EventKind, EventState};
 use protocol::topic;

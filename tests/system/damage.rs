@@ -3,7 +3,7 @@
 
 use super::ROOM;
 use super::feed::{Desk, assert_whole, journal, wait_until_all_is_journaled};
-use crate::harness::{Site, count, find};
+use harness::{Site, count, find};
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,7 @@
 
 use super::ROOM;
 use super::feed::{Desk, assert_whole, journal, wait_until_all_is_journaled};
-use crate::harness::{Setup, find};
+use harness::{Setup, find};
 use protocol::event::{EventKind, EventState};
 use std::fs::{self, File};
 use std::io::Write;

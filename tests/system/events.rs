@@ -2,7 +2,7 @@
 
 use super::ROOM;
 use super::feed::{Desk, assert_whole, journal, wait_until_all_is_journaled};
-use crate::harness::{Random, Site, is_nightly};
+use harness::{Random, Site, is_nightly};
 use protocol::event::{EventKind, EventState};
 use rustix::process::Signal;
 use std::time::Duration;

@@ -1,8 +1,8 @@
 //! What a site tells: the feed as a desk reads it, the journal as it is on disk, and a laser that
 //! falls silent when a test wants something to be told.
 
-use crate::harness::{Running, Site, WATCHDOG, find, kill};
 use alerts::{JOURNAL_FILE, Journal};
+use harness::{Running, Site, WATCHDOG, find, kill};
 use protocol::event::{EventChange, EventKind, EventState};
 use rustix::process::Signal;
 use serde::Deserialize;

@@ -1,7 +1,7 @@
 //! Processes that do not answer.
 
 use super::ROOM;
-use crate::harness::{Site, find};
+use harness::{Site, find};
 use rustix::process::Signal;
 use supervisor::ProcessState;
 

@@ -2,8 +2,8 @@
 
 use super::bridge::{journal_of, of};
 use super::feed::{Desk, assert_whole};
-use crate::harness::{Scratch, Setup, Site, WATCHDOG, count, find};
 use certificates::{Files, Identity};
+use harness::{Scratch, Setup, Site, WATCHDOG, count, find};
 use protocol::codec::encode;
 use protocol::event::{EventChange, EventState};
 use protocol::health::Health;

@@ -1,7 +1,7 @@
 //! SIGKILL: each service in turn, and anybody at any moment.
 
 use super::{ROOM, SERVICES};
-use crate::harness::{Random, Site, count, find, is_nightly, kill, pids};
+use harness::{Random, Site, count, find, is_nightly, kill, pids};
 use mapper::checkpoint::{self, Checkpoint};
 use mapper::shell::checkpoint_path;
 use rustix::process::Signal;

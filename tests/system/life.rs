@@ -1,7 +1,7 @@
 //! Start, stop, a second instance, and what a crashed run leaves.
 
 use super::{ROOM, SERVICES};
-use crate::harness::{
+use harness::{
     Random, Setup, Site, WATCHDOG, count, find, is_nightly, kill, pids, processes_of,
     shared_memory, tog,
 };

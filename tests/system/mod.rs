@@ -9,6 +9,7 @@
 //! | `removed` | files of a site that runs are removed; a second site on its state |
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
+//! | `lan` | three hosts in network namespaces: links that are cut, four lasers at 75 Hz |
 //! | `standby` | a host that is lost: its area goes on elsewhere |
 //! | `intruder` | hosts with certificates, and who has none, or the wrong one |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
@@ -24,6 +25,7 @@ mod feed;
 mod hang;
 mod intruder;
 mod kills;
+mod lan;
 mod life;
 mod recorder;
 mod removed;

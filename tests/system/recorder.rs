@@ -3,7 +3,7 @@
 
 use super::ROOM;
 use super::disk::Disk;
-use crate::harness::{Running, Setup, Site, count, find};
+use harness::{Running, Setup, Site, count, find};
 use recording::{BagDirectory, Recording, active_path, file_facts};
 use rustix::process::Signal;
 use std::collections::BTreeMap;
@@ -63,7 +63,7 @@ fn beside(site: &Site, out: &Path) -> Running {
     let begun = || fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
     let start = std::time::Instant::now();
     while !begun() {
-        assert!(start.elapsed() < crate::harness::WATCHDOG, "{}", recorder.log.text());
+        assert!(start.elapsed() < harness::WATCHDOG, "{}", recorder.log.text());
         recorder.log.wait_a_moment(std::time::Duration::from_millis(5));
     }
     recorder
@@ -224,9 +224,9 @@ fn a_recording_is_played_as_the_site_that_is_attached_to_it() {
     assert!(String::from_utf8_lossy(&again.stderr).contains("not empty"));
     site.stop();
 
-    let scratch = crate::harness::Scratch::new();
+    let scratch = harness::Scratch::new();
     let arguments = ["bag", "play", out.to_str().unwrap(), "--rate", "2"];
-    let mut command = crate::harness::tog(&scratch.0.join("r"), arguments);
+    let mut command = harness::tog(&scratch.0.join("r"), arguments);
     command.env("TMPDIR", &scratch.0);
     let mut played = Running::start(command);
     assert_eq!(played.wait().code(), Some(0), "{}", played.log.text());

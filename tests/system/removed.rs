@@ -2,7 +2,7 @@
 
 use super::ROOM;
 use super::feed::{Desk, assert_whole, journal, wait_until_all_is_journaled};
-use crate::harness::{Site, pids, shared_memory, tog};
+use harness::{Site, pids, shared_memory, tog};
 use mapper::shell::checkpoint_path;
 use rustix::process::Signal;
 use std::fs;

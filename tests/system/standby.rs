@@ -3,7 +3,7 @@
 
 use super::bridge::{journal_of, of};
 use super::feed::Desk;
-use crate::harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
+use harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
 use rustix::process::Signal;
 use std::net::TcpListener;
 use std::time::{Duration, Instant};

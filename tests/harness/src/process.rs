@@ -9,8 +9,9 @@ use std::path::{Path, PathBuf};
 pub fn kill(pid: u32, signal: Signal) -> bool {
     let raw = Pid::from_raw(pid as i32).expect("a process id");
     let Ok(process) = pidfd_open(raw, PidfdFlags::empty()) else { return false };
-    let is_tog = fs::read_link(format!("/proc/{pid}/exe"))
-        .is_ok_and(|exe| exe.as_os_str().to_string_lossy().starts_with(env!("CARGO_BIN_EXE_tog")));
+    let is_tog = fs::read_link(format!("/proc/{pid}/exe")).is_ok_and(|exe| {
+        exe.as_os_str().to_string_lossy().starts_with(&*crate::binary().to_string_lossy())
+    });
     is_tog && pidfd_send_signal(&process, signal).is_ok()
 }
 
@@ -25,6 +26,22 @@ pub fn processes_of(run_dir: &Path) -> Vec<u32> {
     let entries = fs::read_dir("/proc").unwrap().flatten();
     let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
     pids.filter(serves).collect()
+}
+
+/// Memory of a process that is in use (VmRSS), kB; 0 if it is gone.
+pub fn resident_kb(pid: u32) -> u64 {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    line.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0)
+}
+
+/// Time of a processor that a process has used, user and system, seconds; 0 if it is gone.
+pub fn cpu_s(pid: u32) -> f64 {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    // Behind the name in parentheses: utime and stime are the 12th and 13th (proc(5)), in 1/100 s.
+    let fields = stat.rsplit_once(')').map_or("", |(_, rest)| rest).split_whitespace();
+    let ticks: u64 = fields.skip(11).take(2).filter_map(|field| field.parse::<u64>().ok()).sum();
+    ticks as f64 / 100.0
 }
 
 /// Files of shared memory whose names begin with `prefix`.

@@ -4,11 +4,15 @@
 //! watchdog that only a bug reaches; the harness asks for the status again and again, as a person
 //! would. Whatever happens, panics included, nothing of a site outlives its [`Site`].
 
+#![allow(clippy::unwrap_used)] // a test that cannot go on shall say where
+
+mod lan;
 mod process;
 mod random;
 mod running;
 
-pub use process::{kill, processes_of, shared_memory};
+pub use lan::Lan;
+pub use process::{cpu_s, kill, processes_of, resident_kb, shared_memory};
 pub use random::Random;
 pub use running::{Lines, Running};
 
@@ -41,6 +45,12 @@ pub fn is_nightly() -> bool {
 /// A directory of a test, removed at its end.
 pub struct Scratch(pub PathBuf);
 
+impl Default for Scratch {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Scratch {
     /// Makes it.
     pub fn new() -> Self {
@@ -65,9 +75,24 @@ impl Drop for Scratch {
     }
 }
 
+/// The program that is tested: `$TOG_BIN`, else the `tog` that was built with the test.
+///
+/// # Panics
+/// If there is none.
+pub fn binary() -> PathBuf {
+    if let Some(path) = std::env::var_os("TOG_BIN") {
+        return path.into();
+    }
+    // target/<profile>/deps/<test>
+    let test = std::env::current_exe().unwrap();
+    let built = test.ancestors().skip(1).take(2).map(|directory| directory.join("tog"));
+    let mut built = built.filter(|path| path.is_file());
+    built.next().expect("no tog is built beside this test: set TOG_BIN to the program to test")
+}
+
 /// `tog` with these arguments, and a run directory of the test.
 pub fn tog<I: AsRef<OsStr>>(run_root: &Path, arguments: impl IntoIterator<Item = I>) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_tog"));
+    let mut command = Command::new(binary());
     command.args(arguments).env("TOG_RUN_DIR", run_root).stdin(Stdio::null());
     command
 }
@@ -76,6 +101,7 @@ pub fn tog<I: AsRef<OsStr>>(run_root: &Path, arguments: impl IntoIterator<Item =
 pub struct Setup {
     scratch: Scratch,
     arguments: Vec<String>,
+    namespace: Option<String>,
 }
 
 impl Setup {
@@ -83,7 +109,7 @@ impl Setup {
     pub fn new(toml: &str) -> Self {
         let scratch = Scratch::new();
         scratch.write("site.toml", toml);
-        Self { scratch, arguments: Vec::new() }
+        Self { scratch, arguments: Vec::new(), namespace: None }
     }
 
     /// A file beside the site file.
@@ -95,6 +121,12 @@ impl Setup {
     /// More arguments of `tog run`.
     pub fn arguments<T: Into<String>>(mut self, more: impl IntoIterator<Item = T>) -> Self {
         self.arguments.extend(more.into_iter().map(Into::into));
+        self
+    }
+
+    /// In a network namespace, by its name: see [`Lan`].
+    pub fn namespace(mut self, name: &str) -> Self {
+        self.namespace = Some(name.to_owned());
         self
     }
 
@@ -112,6 +144,7 @@ impl Setup {
         let mut site = Site {
             running: None,
             arguments: self.arguments,
+            namespace: self.namespace,
             file: dir.join("site.toml"),
             run_root: dir.join("r"),
             run_dir,
@@ -128,6 +161,7 @@ impl Setup {
 pub struct Site {
     running: Option<Running>,
     arguments: Vec<String>,
+    namespace: Option<String>,
     /// Directory of the site file.
     pub dir: PathBuf,
     /// Its run directory.
@@ -158,6 +192,7 @@ impl Site {
         Self {
             running: Some(running),
             arguments: Vec::new(),
+            namespace: None,
             file: dir.join("demo.toml"),
             run_dir: run_root.join(format!("demo-{pid}")),
             run_root,
@@ -171,7 +206,12 @@ impl Site {
     pub fn start_again(&mut self) {
         let file = self.file().to_str().unwrap().to_owned();
         let arguments = ["run".to_owned(), file].into_iter().chain(self.arguments.iter().cloned());
-        self.running = Some(Running::start(tog(&self.run_root(), arguments)));
+        let command = tog(&self.run_root(), arguments);
+        let command = match &self.namespace {
+            Some(name) => lan::within(name, &command),
+            None => command,
+        };
+        self.running = Some(Running::start(command));
     }
 
     /// The site file.
@@ -220,9 +260,15 @@ impl Site {
     }
 
     /// Looks at the status until `pass` returns something.
-    pub fn wait_until<T>(
+    pub fn wait_until<T>(&mut self, what: &str, pass: impl FnMut(&StatusReport) -> Option<T>) -> T {
+        self.wait_until_within(what, WATCHDOG, pass)
+    }
+
+    /// As [`Site::wait_until`], for what takes long even if nothing is wrong.
+    pub fn wait_until_within<T>(
         &mut self,
         what: &str,
+        watchdog: Duration,
         mut pass: impl FnMut(&StatusReport) -> Option<T>,
     ) -> T {
         let (start, log) = (Instant::now(), self.log());
@@ -235,7 +281,7 @@ impl Site {
                 last = Some(report);
             }
             let ended = self.running.as_mut().unwrap().try_wait();
-            if ended.is_some() || start.elapsed() >= WATCHDOG {
+            if ended.is_some() || start.elapsed() >= watchdog {
                 let table = last.map(|report| report.table()).unwrap_or_default();
                 panic!("{what} never came ({ended:?}):\n{}\n{table}", log.text());
             }
