@@ -22,17 +22,42 @@ fn known(site: &Site, host: &str) -> Result<String, String> {
     site.host(host).map(|host| host.id.clone()).ok_or_else(unknown)
 }
 
+/// Which host of a site this machine is, unless `--host` says it: systemd's unit sets it.
+const HOST_VARIABLE: &str = "TOG_HOST";
+
 /// The host that `tog run` shall be; none for a site without hosts.
 ///
 /// # Errors
 /// A sentence if it is unknown, or if several could be meant.
 pub fn host_to_run(site: &Site, asked: Option<&str>) -> Result<Option<String>, String> {
+    let variable = std::env::var(HOST_VARIABLE).ok().filter(|host| !host.is_empty());
+    host_of(site, asked, variable.as_deref())
+}
+
+fn host_of(
+    site: &Site,
+    asked: Option<&str>,
+    variable: Option<&str>,
+) -> Result<Option<String>, String> {
     match (asked, site.hosts.as_slice()) {
         (Some(host), _) => known(site, host).map(Some),
         (None, []) => Ok(None),
+        (None, _) if variable.is_some() => {
+            let host = variable.unwrap_or_default();
+            let unknown = || {
+                format!(
+                    "{HOST_VARIABLE}={host}: the hosts of {} are {}: set it in /etc/default/tog, or \
+                     say --host",
+                    site.name,
+                    ids(site)
+                )
+            };
+            site.host(host).map(|host| Some(host.id.clone())).ok_or_else(unknown)
+        }
         (None, [only]) => Ok(Some(only.id.clone())),
         (None, _) => Err(format!(
-            "the site {} has several hosts: say which of them this is with --host ({})",
+            "the site {} has several hosts: say which of them this is with --host ({}), or \
+             with the variable {HOST_VARIABLE}",
             site.name,
             ids(site)
         )),
@@ -187,4 +212,32 @@ fn text(site: &Site) -> String {
         let _ = writeln!(text, "  {from} -> {to}: {what}");
     }
     text
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn site(hosts: &[&str]) -> Site {
+        let hosts: Vec<_> = hosts
+            .iter()
+            .enumerate()
+            .map(|(n, id)| json!({ "id": id, "endpoint": format!("10.0.0.{n}:1"), "transport": "tls" }))
+            .collect();
+        let value = json!({ "name": "s", "host": hosts, "area": [], "laser": [] });
+        serde_json::from_value(value).unwrap()
+    }
+
+    #[test]
+    fn the_host_is_what_is_asked_for_or_what_the_machine_says() {
+        let (several, none) = (site(&["edge", "desk"]), site(&[]));
+        let of = |site: &Site, asked, variable| host_of(site, asked, variable);
+        assert_eq!(of(&several, Some("edge"), Some("desk")), Ok(Some("edge".to_owned())));
+        assert_eq!(of(&several, None, Some("desk")), Ok(Some("desk".to_owned())));
+        assert_eq!(of(&none, None, Some("desk")), Ok(None), "one host needs no name");
+        let words = of(&several, None, Some("pc17")).unwrap_err();
+        assert!(words.contains("TOG_HOST=pc17: the hosts of s are edge, desk"), "{words}");
+        assert!(of(&several, None, None).unwrap_err().contains("--host (edge, desk)"));
+    }
 }

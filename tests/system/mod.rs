@@ -10,6 +10,7 @@
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
 //! | `lan` | three hosts in network namespaces: links that are cut, four lasers at 75 Hz |
+//! | `systemd` | what systemd is told, and what the unit says |
 //! | `standby` | a host that is lost: its area goes on elsewhere |
 //! | `intruder` | hosts with certificates, and who has none, or the wrong one |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
@@ -30,6 +31,7 @@ mod life;
 mod recorder;
 mod removed;
 mod standby;
+mod systemd;
 
 /// Two lasers of a small room, one area, everything else as it is by default.
 pub const ROOM: &str = r#"

@@ -17,12 +17,14 @@
 //! | `service` | one process: start, log, health, end |
 //! | `supervisor` | the loop, the watchdog, the shutdown |
 //! | [`control`], [`report`] | `tog status`: socket, client, table |
+//! | [`notify`] | what systemd is told |
 //! | `output` | the common log |
 //!
 //! Left to the alerts of a later slice: restarts are counted and logged here, but not told as
 //! `ProcessRestarted` events.
 
 pub mod control;
+pub mod notify;
 mod output;
 pub mod policy;
 pub mod report;

@@ -122,6 +122,10 @@ impl Service {
             .arg(run_dir)
             .args(self.role.arguments())
             .env(process::logging::SUPERVISED, "1")
+            // What systemd is told, we tell.
+            .env_remove("NOTIFY_SOCKET")
+            .env_remove("WATCHDOG_USEC")
+            .env_remove("WATCHDOG_PID")
             .stdin(Stdio::null())
             .stdout(Stdio::from(write_end.try_clone()?))
             .stderr(Stdio::from(write_end))
@@ -225,6 +229,12 @@ impl Service {
         let state = self.health.as_ref().map_or(ServiceState::Starting, |health| health.state);
         let patience = if state == ServiceState::Starting { STARTING_PATIENCE } else { 1 };
         Some(last_sign_ns.saturating_add(silence_max_ns.saturating_mul(patience)))
+    }
+
+    /// What it says of itself, if it runs and has said something.
+    #[must_use]
+    pub fn state(&self) -> Option<ServiceState> {
+        self.health.as_ref().map(|health| health.state)
     }
 
     /// True if it says that the recording is over.

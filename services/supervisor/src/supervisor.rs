@@ -1,6 +1,9 @@
 //! The loop.
 
+mod outside;
+
 use crate::control::Control;
+use crate::notify::{Look, Notifier};
 use crate::output::Output;
 use crate::policy::{Decision, End};
 use crate::report::StatusReport;
@@ -9,7 +12,6 @@ use process::domain::{Owner, OwnerOptions, is_lossless};
 use process::{Bus, Clock, EventLoop, Role, Subscriber, exit, monotonic_ns, wall_ns};
 use protocol::codec::decode;
 use protocol::health::Health;
-use protocol::ownership::{AreaOwnership, Ownership};
 use protocol::site::{Pace, Site, Source};
 use protocol::topic;
 use protocol::wire::BytesHeader;
@@ -138,6 +140,8 @@ struct Supervisor {
     /// When the files of the domain were looked at.
     looked_ns: u64,
     silence_max_ns: u64,
+    notifier: Notifier,
+    look: Look,
     // The bus and its events before the owner, whose end removes everything.
     _bus: Bus,
     events: EventLoop,
@@ -186,6 +190,8 @@ impl Supervisor {
             phase: Phase::Running,
             stop_at_ns,
             looked_ns: monotonic_ns(),
+            notifier: Notifier::of_environment(monotonic_ns()),
+            look: Look::default(),
             silence_max_ns: (options.silence_max_s.unwrap_or(SILENCE_MAX_S) * 1e9) as u64,
             _bus: bus,
             events,
@@ -210,8 +216,9 @@ impl Supervisor {
             }
             match self.events.wait(self.due_ns()) {
                 Ok(wake) => {
-                    self.take_health();
+                    let heard = self.take_health();
                     self.take_ownership();
+                    self.notify(heard);
                     while let Some(token) = self.events.next_ready() {
                         self.serve(token);
                     }
@@ -227,44 +234,19 @@ impl Supervisor {
         }
     }
 
-    fn take_health(&mut self) {
+    /// True if somebody told something.
+    fn take_health(&mut self) -> bool {
+        let mut heard = false;
         while let Ok(Some(message)) = self.health.receive() {
             // A damaged message is silence, and silence has its own remedy.
             if let Ok(health) = decode::<Health>(message.payload())
                 && let Some(service) = self.services.iter_mut().find(|s| s.name == health.service)
             {
                 service.heard(health);
+                heard = true;
             }
         }
-    }
-
-    /// Which areas run here, as the bridge says; its last word stands when it is gone.
-    fn take_ownership(&mut self) {
-        let Some(ownership) = &mut self.ownership else { return };
-        let mut newest = None;
-        while let Ok(Some(message)) = ownership.receive() {
-            newest = decode::<Ownership>(message.payload()).ok().or(newest);
-        }
-        if !matches!(self.phase, Phase::Running) {
-            return;
-        }
-        let now_ns = monotonic_ns();
-        for AreaOwnership { area, runs } in newest.into_iter().flat_map(|newest| newest.areas) {
-            let of_area = |service: &&mut Service| service.role.area() == Some(area.as_str());
-            let mut changed = false;
-            for service in self.services.iter_mut().filter(of_area) {
-                changed |= service.is_held() == runs;
-                match (service.is_held(), runs) {
-                    (true, true) => service.let_run(now_ns),
-                    (false, false) => service.hold(),
-                    _ => {}
-                }
-            }
-            if changed {
-                let what = if runs { "runs here now" } else { "runs on another host now" };
-                self.output.say(&format!("WARN area {area} {what}"));
-            }
-        }
+        heard
     }
 
     fn serve(&mut self, token: process::Token) {
@@ -379,6 +361,7 @@ impl Supervisor {
             // No deadline of its own: the beats of the services wake us often enough.
             if now_ns >= self.looked_ns + SECOND_NS {
                 self.looked_ns = now_ns;
+                self.look = self.look();
                 self.look_at_files();
             }
         }

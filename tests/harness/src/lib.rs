@@ -102,6 +102,7 @@ pub struct Setup {
     scratch: Scratch,
     arguments: Vec<String>,
     namespace: Option<String>,
+    environment: Vec<(String, String)>,
 }
 
 impl Setup {
@@ -109,7 +110,7 @@ impl Setup {
     pub fn new(toml: &str) -> Self {
         let scratch = Scratch::new();
         scratch.write("site.toml", toml);
-        Self { scratch, arguments: Vec::new(), namespace: None }
+        Self { scratch, arguments: Vec::new(), namespace: None, environment: Vec::new() }
     }
 
     /// A file beside the site file.
@@ -121,6 +122,12 @@ impl Setup {
     /// More arguments of `tog run`.
     pub fn arguments<T: Into<String>>(mut self, more: impl IntoIterator<Item = T>) -> Self {
         self.arguments.extend(more.into_iter().map(Into::into));
+        self
+    }
+
+    /// With this variable in its environment.
+    pub fn env(mut self, name: &str, value: impl AsRef<Path>) -> Self {
+        self.environment.push((name.to_owned(), value.as_ref().display().to_string()));
         self
     }
 
@@ -145,6 +152,7 @@ impl Setup {
             running: None,
             arguments: self.arguments,
             namespace: self.namespace,
+            environment: self.environment,
             file: dir.join("site.toml"),
             run_root: dir.join("r"),
             run_dir,
@@ -162,6 +170,7 @@ pub struct Site {
     running: Option<Running>,
     arguments: Vec<String>,
     namespace: Option<String>,
+    environment: Vec<(String, String)>,
     /// Directory of the site file.
     pub dir: PathBuf,
     /// Its run directory.
@@ -193,6 +202,7 @@ impl Site {
             running: Some(running),
             arguments: Vec::new(),
             namespace: None,
+            environment: Vec::new(),
             file: dir.join("demo.toml"),
             run_dir: run_root.join(format!("demo-{pid}")),
             run_root,
@@ -206,7 +216,8 @@ impl Site {
     pub fn start_again(&mut self) {
         let file = self.file().to_str().unwrap().to_owned();
         let arguments = ["run".to_owned(), file].into_iter().chain(self.arguments.iter().cloned());
-        let command = tog(&self.run_root(), arguments);
+        let mut command = tog(&self.run_root(), arguments);
+        command.envs(self.environment.iter().map(|(name, value)| (name, value)));
         let command = match &self.namespace {
             Some(name) => lan::within(name, &command),
             None => command,
