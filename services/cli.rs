@@ -49,6 +49,8 @@ pub enum Verb {
     Bag(crate::bag::cli::Bag),
     /// Certificates by which the hosts of a site know each other: make an authority, make hosts, show.
     Certs(crate::certs::cli::Certs),
+    /// Look at this machine and at a running site: what would not work, and what to do.
+    Doctor(crate::doctor::cli::Doctor),
     /// Check a site file and show what it would start.
     Check(Check),
     /// Print the JSON Schema of the site file, for editors.

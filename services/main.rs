@@ -5,6 +5,7 @@ mod certs;
 mod check;
 mod cli;
 mod demo;
+mod doctor;
 mod experiment;
 mod learn;
 mod map;
@@ -32,6 +33,7 @@ fn main() -> ExitCode {
         Verb::Map(arguments) => map::main(&arguments),
         Verb::Bag(arguments) => bag::run(&arguments),
         Verb::Certs(arguments) => certs::main(&arguments),
+        Verb::Doctor(arguments) => doctor::main(&arguments),
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
         Verb::Bridge(worker) => {

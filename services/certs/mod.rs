@@ -5,7 +5,7 @@ pub mod cli;
 use crate::cli::Format;
 use crate::operate::{base_dir, write_out};
 use crate::{fail, site_file};
-use certificates::{Files, Identity, Problem, examine::date};
+use certificates::{Certificate, Files, Identity, Problem, examine::date};
 use cli::{Certs, Init, Issue, Show, Verb};
 use process::{exit, wall_ns};
 use protocol::site::{Host, Site};
@@ -24,7 +24,8 @@ pub fn main(arguments: &Certs) -> ExitCode {
     }
 }
 
-fn now_s() -> i64 {
+/// UNIX seconds.
+pub fn now_s() -> i64 {
     (wall_ns() / SECOND_NS) as i64
 }
 
@@ -32,17 +33,21 @@ fn identity(site: &Site, host: &Host) -> Identity {
     Identity::new(&site.name, &host.id, &host.endpoint)
 }
 
-/// Why the host cannot prove who it is, if its site wants it to.
+/// The certificate by which the host proves who it is; none if its site wants no proof.
 ///
 /// # Errors
 /// Everything that is wrong with its files, each with what to do.
-pub fn check(site: &Site, host: Option<&str>, site_file: &Path) -> Result<(), Vec<Problem>> {
-    let Some(host) = host.and_then(|id| site.host(id)) else { return Ok(()) };
+pub fn check(
+    site: &Site,
+    host: Option<&str>,
+    site_file: &Path,
+) -> Result<Option<Certificate>, Vec<Problem>> {
+    let Some(host) = host.and_then(|id| site.host(id)) else { return Ok(None) };
     if !(site.has_bridges() && site.uses_tls()) {
-        return Ok(());
+        return Ok(None);
     }
     let files = Files::of(&base_dir(site_file).join(&site.tls_dir), &host.id);
-    certificates::examine(&files, &identity(site, host), now_s()).map(|_| ())
+    certificates::examine(&files, &identity(site, host), now_s()).map(Some)
 }
 
 fn init(arguments: &Init) -> ExitCode {

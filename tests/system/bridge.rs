@@ -27,7 +27,7 @@ fn hosts() -> String {
 }
 
 /// `hall` runs on `edge` with its laser; `room` on the desk, and its laser on `edge`.
-fn two_hosts() -> String {
+pub(super) fn two_hosts() -> String {
     let area = |id: &str, host: &str| {
         format!(
             "[[area]]\nid = \"{id}\"\nhost = \"{host}\"\norigin_m = [-0.5, -0.5]\ncolumns = 110\n\
@@ -51,7 +51,7 @@ fn two_hosts() -> String {
     .concat()
 }
 
-fn start(toml: &str, host: &str, more: &[&str]) -> Site {
+pub(super) fn start(toml: &str, host: &str, more: &[&str]) -> Site {
     let arguments = ["--host", host].into_iter().chain(more.iter().copied());
     Setup::new(toml).arguments(arguments).start()
 }

@@ -10,6 +10,7 @@
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
 //! | `lan` | three hosts in network namespaces: links that are cut, four lasers at 75 Hz |
+//! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
 //! | `standby` | a host that is lost: its area goes on elsewhere |
 //! | `intruder` | hosts with certificates, and who has none, or the wrong one |
@@ -21,6 +22,7 @@
 mod bridge;
 mod damage;
 mod disk;
+mod doctor;
 mod events;
 mod feed;
 mod hang;

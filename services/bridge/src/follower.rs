@@ -152,7 +152,8 @@ impl Follower {
             Some(epoch) if epoch != page.epoch => {
                 format!("found journal {}, expected {epoch}", page.epoch)
             }
-            _ if page.head < page.after => {
+            // An empty one is a new one: its rows will have ids above all that were before.
+            _ if page.head < page.after && page.head > 0 => {
                 format!("it ends at row {}, but rows up to {} came before", page.head, page.after)
             }
             _ => return Ok(()),

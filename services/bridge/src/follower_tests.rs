@@ -258,3 +258,13 @@ proptest! {
         prop_assert_eq!(desk.behind(), 0);
     }
 }
+
+#[test]
+fn a_journal_that_was_deleted_is_followed_from_its_first_row_on() {
+    let mut desk = follower(5);
+    assert_eq!(desk.page(page(5, NONE, 0), 10), Ok(Vec::new()), "it is empty");
+    assert_eq!((desk.other(), desk.behind()), (None, 0));
+    let begin = 1_795_000_000_000;
+    let handed = desk.page(page(0, begin + 1..=begin + 2, begin + 2), 20).unwrap();
+    assert_eq!(sequences(&handed), [begin + 1, begin + 2]);
+}

@@ -176,6 +176,8 @@ impl Replica {
         File::open(&self.state_dir)?.sync_all()?;
         self.have.retain(|have| have.file != version.file);
         self.have.push(version);
+        // What the owner claimed may be older than what it gave.
+        self.wanted.retain(|wanted| wanted.file != version.file);
         self.copied += 1;
         Ok(version.file)
     }

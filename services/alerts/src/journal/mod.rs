@@ -419,8 +419,7 @@ fn advance(transaction: &Transaction<'_>, origin: &str, floor: i64) -> rusqlite:
 }
 
 fn head(connection: &Connection) -> rusqlite::Result<u64> {
-    // Of an empty journal the id before its first: see `Journal::open`.
-    let sql = "SELECT coalesce(max(seq), 0) FROM sqlite_sequence WHERE name = 'event_change'";
+    let sql = "SELECT coalesce(max(journal_id), 0) FROM event_change";
     let head: i64 = connection.prepare_cached(sql)?.query_row([], |row| row.get(0))?;
     Ok(head.unsigned_abs())
 }

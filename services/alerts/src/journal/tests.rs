@@ -160,7 +160,6 @@ fn a_cursor_into_a_journal_that_was_deleted_misses_nothing_of_the_one_that_grew_
     let path = directory.path().join(JOURNAL_FILE);
     std::fs::remove_file(&path).unwrap();
     let (mut journal, _) = Journal::open(&path, NOW_NS + 1_000_000_000).unwrap();
-    assert!(journal.head().unwrap() > cursor, "an empty one is not behind the cursor either");
     let changes: Vec<EventChange> = (3..9).map(|sequence| change("foyer", sequence)).collect();
     journal.append(&changes, NOW_NS).unwrap();
     assert_eq!(journal.after(cursor, 100).unwrap().len(), changes.len());
