@@ -47,7 +47,7 @@ pub enum Verb {
     Map(crate::map::cli::Map),
     /// Recordings: record, play, recover, what they hold, from and into other formats.
     Bag(crate::bag::cli::Bag),
-    /// Certificates by which the hosts of a site know each other: make an authority, make hosts, show.
+    /// Certificates by which the hosts of a site know each other.
     Certs(crate::certs::cli::Certs),
     /// Look at this machine and at a running site: what would not work, and what to do.
     Doctor(crate::doctor::cli::Doctor),

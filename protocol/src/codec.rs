@@ -8,7 +8,7 @@
 
 use crate::event::{EventAcknowledgement, EventChange};
 use crate::health::Health;
-use crate::link::{CarriedScan, Claims, EventPage, FilePage};
+use crate::link::{CarriedScan, Claims, EventPage, FilePage, HostHealth};
 use crate::ownership::Ownership;
 use crate::scan::LaserScan;
 use serde::Serialize;
@@ -214,7 +214,7 @@ impl Encoded for Health {
 
 impl Encoded for CarriedScan {
     const KIND: u8 = 5;
-    const VERSION: u8 = 1;
+    const VERSION: u8 = 2;
     const NAME: &'static str = "CarriedScan";
 
     fn check(&self) -> Result<(), String> {
@@ -224,7 +224,7 @@ impl Encoded for CarriedScan {
 
 impl Encoded for EventPage {
     const KIND: u8 = 6;
-    const VERSION: u8 = 1;
+    const VERSION: u8 = 2;
     const NAME: &'static str = "EventPage";
 
     fn check(&self) -> Result<(), String> {
@@ -260,4 +260,10 @@ impl Encoded for Ownership {
     const KIND: u8 = 9;
     const VERSION: u8 = 1;
     const NAME: &'static str = "Ownership";
+}
+
+impl Encoded for HostHealth {
+    const KIND: u8 = 10;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "HostHealth";
 }

@@ -9,6 +9,7 @@
 //! | [`event::EventChange`] (encoded) | anomaly | alerts | rare | < 4 kB |
 //! | [`event::EventAcknowledgement`] (encoded) | alerts | anomaly | with events | < 100 B |
 //! | [`health::Health`] (encoded) | all | supervisor, bridge | 1 Hz and on change | < 64 kB |
+//! | [`link::HostHealth`] (encoded) | bridge of every host | bridges of all others | as health | < 64 kB |
 //! | [`link::CarriedScan`] (encoded) | bridge of the laser's host | bridge of the area's host | as scans | 4 B a beam |
 //! | [`link::Claims`] (encoded) | bridge of a host that runs an area with a standby, or is one | the other one | 2 Hz | < 10 kB |
 //! | [`link::FilePage`] (encoded) | bridge of the owner of an area | bridge of its standby | with checkpoints | < 129 kB |

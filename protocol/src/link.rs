@@ -1,6 +1,7 @@
 //! What bridges say to each other, and nobody else does.
 
 use crate::event::EventChange;
+use crate::health::Health;
 use crate::scan::LaserScan;
 use serde::{Deserialize, Serialize};
 
@@ -10,14 +11,28 @@ pub const PAGE_ROWS_MAX: usize = 64;
 pub const PAGE_BYTES_MAX: usize = 64 * 4096;
 
 /// A scan on its way to another host, or the end of the recording.
+///
+/// What crosses between hosts names who says it, although its key does as well: after a link was cut
+/// zenoh 1.10 may deliver under the key of somebody else.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CarriedScan {
+    /// The laser's id.
+    pub laser: String,
     /// Names the run of the laser's process, as its envelope does in shared memory.
     pub session: u64,
     /// Grows by one a scan within the session: the other side counts what is missing.
     pub seq: u64,
     /// The scan; none at the end of a recording.
     pub scan: Option<LaserScan>,
+}
+
+/// How a process of a host is, on its way to the other hosts.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct HostHealth {
+    /// The host's id.
+    pub host: String,
+    /// How the process is.
+    pub health: Health,
 }
 
 /// A row of a journal on its way to a desk.
@@ -35,6 +50,8 @@ pub struct EventRow {
 /// One message for all three ways: a row as it comes, the head once a second, the answer of the log.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct EventPage {
+    /// The host whose journal it is.
+    pub host: String,
     /// Names the state directory that the journal is in: its rows are counted from its first.
     pub epoch: u64,
     /// The rows follow this one; `head` or more if there are none.
@@ -130,6 +147,8 @@ pub struct Claim {
 /// All claims of a host.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Claims {
+    /// The host that says so.
+    pub host: String,
     /// One an area that it may run and another host may run as well.
     pub claims: Vec<Claim>,
 }

@@ -16,7 +16,7 @@
 //! | key | message | from | to |
 //! |---|---|---|---|
 //! | `tog/<site>/<host>/scan/<laser>` | `CarriedScan` | the laser's host | the area's host |
-//! | `tog/<site>/<host>/health` | `Health` | every host | every host |
+//! | `tog/<site>/<host>/health` | `HostHealth` | every host | every host |
 //! | `tog/<site>/<host>/event/live` | `EventPage` | every host | desks |
 //! | `tog/<site>/<host>/event/log?after=<n>` | `EventPage`, one reply | every host | who asks |
 //! | `tog/<site>/<host>/alive` | a liveliness token | hosts of areas with a standby | the other one |

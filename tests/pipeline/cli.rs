@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 24] = [
+const VERBS: [&[&str]; 28] = [
     &[],
     &["demo"],
     &["replay"],
@@ -29,6 +29,10 @@ const VERBS: [&[&str]; 24] = [
     &["bag", "record"],
     &["bag", "play"],
     &["bag", "recover"],
+    &["certs", "init"],
+    &["certs", "issue"],
+    &["certs", "show"],
+    &["doctor"],
 ];
 
 fn deploy() -> PathBuf {

@@ -7,7 +7,7 @@ use harness::{Scratch, Setup, Site, WATCHDOG, count, find};
 use protocol::codec::encode;
 use protocol::event::{EventChange, EventState};
 use protocol::health::Health;
-use protocol::link::{CarriedScan, EventPage, EventRow};
+use protocol::link::{CarriedScan, EventPage, EventRow, HostHealth};
 use protocol::topic;
 use serde_json::json;
 use std::io::{Read, Write};
@@ -227,13 +227,15 @@ fn knock(building: &Building, endpoint: &str, ca: &Path) -> u64 {
 /// Good messages, each of somebody else. How many.
 fn speak_as_others(session: &zenoh::Session, messages: u64) -> u64 {
     let page = |after| EventPage {
+        host: "edge".to_owned(),
         epoch: 1,
         after,
         head: after + 1,
         rows: vec![EventRow { journal_id: after + 1, change: forged(after + 1) }],
     };
     let scan = encode(&CarriedScan::default()).unwrap();
-    let health = encode(&Health { service: "bridge".to_owned(), ..Health::default() }).unwrap();
+    let health = Health { service: "bridge".to_owned(), ..Health::default() };
+    let health = encode(&HostHealth { host: "edge".to_owned(), health }).unwrap();
     for n in 0..messages / 4 {
         put(session, &topic::scan_key("t", "edge", "north"), &scan);
         put(session, &topic::live_key("t", "edge"), &encode(&page(n)).unwrap());
@@ -265,6 +267,7 @@ fn replay_old_events(session: &zenoh::Session, edge: &Site, desk: &mut Site) {
     let before = counts(desk, "events_repeated");
     for (row, change) in &rows {
         let page = EventPage {
+            host: "edge".to_owned(),
             epoch,
             after: row - 1,
             head: rows.last().unwrap().0,

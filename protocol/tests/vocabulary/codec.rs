@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use protocol::codec::{BODY_BYTES_MAX, DecodeError, ENVELOPE_BYTES, Encoded, decode, encode};
 use protocol::event::{EventAcknowledgement, EventChange};
 use protocol::health::Health;
-use protocol::link::{CarriedScan, Claims, EventPage, FilePage, PAGE_ROWS_MAX};
+use protocol::link::{CarriedScan, Claims, EventPage, FilePage, HostHealth, PAGE_ROWS_MAX};
 use protocol::ownership::Ownership;
 use protocol::scan::{BEAMS_MAX, LaserScan};
 use std::fmt::Debug;
@@ -95,11 +95,13 @@ proptest! {
         let _ = decode::<CarriedScan>(&bytes);
         let _ = decode::<EventPage>(&bytes);
         let _ = decode::<Claims>(&bytes);
+        let _ = decode::<HostHealth>(&bytes);
         let _ = decode::<FilePage>(&bytes);
         let _ = decode::<Ownership>(&bytes);
         any_body::<CarriedScan>(&bytes);
         any_body::<EventPage>(&bytes);
         any_body::<Claims>(&bytes);
+        any_body::<HostHealth>(&bytes);
         any_body::<FilePage>(&bytes);
         any_body::<Ownership>(&bytes);
     }

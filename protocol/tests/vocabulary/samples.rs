@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::{Fault, Health, ServiceState};
 use protocol::link::{
-    AreaFile, CarriedScan, Claim, Claims, EventPage, EventRow, FilePage, FileVersion,
+    AreaFile, CarriedScan, Claim, Claims, EventPage, EventRow, FilePage, FileVersion, HostHealth,
 };
 use protocol::ownership::{AreaOwnership, Ownership};
 use protocol::scan::{LaserScan, ScanGeometry};
@@ -53,12 +53,12 @@ pub fn acknowledgement() -> EventAcknowledgement {
 }
 
 pub fn carried_scan() -> CarriedScan {
-    CarriedScan { session: STAMP_NS, seq: 300, scan: Some(scan()) }
+    CarriedScan { laser: "front".to_owned(), session: STAMP_NS, seq: 300, scan: Some(scan()) }
 }
 
 pub fn event_page() -> EventPage {
     let row = EventRow { journal_id: 8, change: event() };
-    EventPage { epoch: STAMP_NS, after: 7, head: 9, rows: vec![row] }
+    EventPage { host: "desk".to_owned(), epoch: STAMP_NS, after: 7, head: 9, rows: vec![row] }
 }
 
 pub fn health() -> Health {
@@ -200,6 +200,10 @@ fn file_version() -> FileVersion {
     FileVersion { file: AreaFile::Normal, modified_ns: STAMP_NS, bytes: 300 }
 }
 
+pub fn host_health() -> HostHealth {
+    HostHealth { host: "edge".to_owned(), health: health() }
+}
+
 pub fn claims() -> Claims {
     let claim = Claim {
         area: "foyer".to_owned(),
@@ -208,7 +212,7 @@ pub fn claims() -> Claims {
         releases: false,
         files: vec![file_version()],
     };
-    Claims { claims: vec![claim] }
+    Claims { host: "desk".to_owned(), claims: vec![claim] }
 }
 
 pub fn file_page() -> FilePage {

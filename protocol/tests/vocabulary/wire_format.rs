@@ -50,19 +50,19 @@ fn health_of_version_1_has_these_bytes() {
 }
 
 #[test]
-fn a_carried_scan_of_version_1_has_these_bytes() {
-    check(&samples::carried_scan(), "54 47 05 01 47 00 00 00 80 cf fe a7 a4 de b2 c3 18 ac 02 01 80 cf fe a7 a4 de b2 c3 18 2a 00 00
-         00 00 00 00 f8 bf 00 00 00 00 00 00 d0 3f 00 00 00 00 00 00 c0 3f 00 00 00 00 00 00 20 40 04 00
-         00 80 3f 00 00 80 7f 00 00 80 ff 00 00 00 3f");
+fn a_carried_scan_of_version_2_has_these_bytes() {
+    check(&samples::carried_scan(), "54 47 05 02 4d 00 00 00 05 66 72 6f 6e 74 80 cf fe a7 a4 de b2 c3 18 ac 02 01 80 cf fe a7 a4 de
+         b2 c3 18 2a 00 00 00 00 00 00 f8 bf 00 00 00 00 00 00 d0 3f 00 00 00 00 00 00 c0 3f 00 00 00 00
+         00 00 20 40 04 00 00 80 3f 00 00 80 7f 00 00 80 ff 00 00 00 3f");
 }
 
 #[test]
-fn a_page_of_events_of_version_1_has_these_bytes() {
-    check(&samples::event_page(), "54 47 06 01 8e 00 00 00 80 cf fe a7 a4 de b2 c3 18 07 09 01 08 05 66 6f 79 65 72 07 07 66 6f 79
-         65 72 2d 33 01 01 80 cf fe a7 a4 de b2 c3 18 80 df f8 cd f7 dd b2 c3 18 05 66 6f 79 65 72 01 04
-         64 6f 6f 72 00 00 00 00 00 00 f8 3f 00 00 00 00 00 00 02 c0 00 00 00 00 00 00 f0 3f 00 00 00 00
-         00 00 04 c0 00 00 00 00 00 00 00 40 00 00 00 00 00 00 00 c0 00 00 00 00 00 00 29 40 00 00 00 00
-         00 00 24 40 01 10 53 6f 6d 65 62 6f 64 79 20 73 74 61 6e 64 73 2e");
+fn a_page_of_events_of_version_2_has_these_bytes() {
+    check(&samples::event_page(), "54 47 06 02 93 00 00 00 04 64 65 73 6b 80 cf fe a7 a4 de b2 c3 18 07 09 01 08 05 66 6f 79 65 72
+         07 07 66 6f 79 65 72 2d 33 01 01 80 cf fe a7 a4 de b2 c3 18 80 df f8 cd f7 dd b2 c3 18 05 66 6f
+         79 65 72 01 04 64 6f 6f 72 00 00 00 00 00 00 f8 3f 00 00 00 00 00 00 02 c0 00 00 00 00 00 00 f0
+         3f 00 00 00 00 00 00 04 c0 00 00 00 00 00 00 00 40 00 00 00 00 00 00 00 c0 00 00 00 00 00 00 29
+         40 00 00 00 00 00 00 24 40 01 10 53 6f 6d 65 62 6f 64 79 20 73 74 61 6e 64 73 2e");
 }
 
 /// Variants are numbers on the wire: a new one is appended, none is removed or moved.
@@ -114,7 +114,8 @@ fn the_kind_in_words_is_the_name_without_underscores() {
 fn claims_of_version_1_have_these_bytes() {
     check(
         &samples::claims(),
-        "54 47 07 01 17 00 00 00 01 05 66 6f 79 65 72 04 01 00 01 01 80 cf fe a7 a4 de b2 c3 18 ac 02",
+        "54 47 07 01 1c 00 00 00 04 64 65 73 6b 01 05 66 6f 79 65 72 04 01 00 01 01 80 cf fe a7 a4 de b2
+         c3 18 ac 02",
     );
 }
 
@@ -129,4 +130,13 @@ fn a_page_of_a_file_of_version_1_has_these_bytes() {
 #[test]
 fn ownership_of_version_1_has_these_bytes() {
     check(&samples::ownership(), "54 47 09 01 08 00 00 00 01 05 66 6f 79 65 72 01");
+}
+
+#[test]
+fn health_of_a_host_of_version_1_has_these_bytes() {
+    check(&samples::host_health(), "54 47 0a 01 83 00 00 00 04 65 64 67 65 0c 66 75 73 69 6f 6e 20 66 6f 79 65 72 e1 21 80 cf fe a7
+         a4 de b2 c3 18 81 cf fe a7 a4 de b2 c3 18 02 02 0a 66 72 61 6d 65 73 5f 6f 75 74 0a 08 73 63 61
+         6e 73 5f 69 6e c8 01 01 0c 73 63 61 6e 5f 72 61 74 65 5f 68 7a 00 00 00 00 00 00 23 40 01 0c 6c
+         61 73 65 72 5f 73 69 6c 65 6e 74 16 66 72 6f 6e 74 3a 20 6e 6f 20 73 63 61 6e 20 66 6f 72 20 33
+         20 73 fd ce fe a7 a4 de b2 c3 18");
 }

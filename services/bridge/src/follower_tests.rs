@@ -31,7 +31,7 @@ fn change(origin: &str, sequence: u64) -> EventChange {
 /// A journal of one origin whose row n is its change n.
 fn page(after: u64, rows: std::ops::RangeInclusive<u64>, head: u64) -> EventPage {
     let row = |n| EventRow { journal_id: n, change: change("hall", n) };
-    EventPage { epoch: EPOCH, after, head, rows: rows.map(row).collect() }
+    EventPage { host: "edge".to_owned(), epoch: EPOCH, after, head, rows: rows.map(row).collect() }
 }
 
 #[allow(clippy::reversed_empty_ranges)]
@@ -191,7 +191,13 @@ impl World {
     fn read(&self, after: u64, limit: usize) -> EventPage {
         let row = |n: u64| EventRow { journal_id: n + 1, change: self.written[n as usize].clone() };
         let head = self.written.len() as u64;
-        EventPage { epoch: EPOCH, after, head, rows: (after..head).map(row).take(limit).collect() }
+        EventPage {
+            host: "edge".to_owned(),
+            epoch: EPOCH,
+            after,
+            head,
+            rows: (after..head).map(row).take(limit).collect(),
+        }
     }
 
     fn step(&mut self, desk: &mut Follower, fate: Fate) {

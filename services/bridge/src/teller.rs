@@ -117,6 +117,8 @@ impl<Q> Answer<Q> {
 /// The journal of this host, as others are told of it.
 #[derive(Debug)]
 pub struct Teller<Q> {
+    /// The id of this host.
+    host: String,
     socket: PathBuf,
     events: EventLoop,
     epoch: u64,
@@ -132,9 +134,10 @@ pub struct Teller<Q> {
 }
 
 impl<Q> Teller<Q> {
-    /// Tells the journal of the alerts service of this run directory.
-    pub fn new(run_dir: &std::path::Path, events: &EventLoop, epoch: u64) -> Self {
+    /// Tells the journal of the alerts service of this run directory, of host `host`.
+    pub fn new(host: &str, run_dir: &std::path::Path, events: &EventLoop, epoch: u64) -> Self {
         Self {
+            host: host.to_owned(),
             socket: run_dir.join(SOCKET_FILE),
             events: events.clone(),
             epoch,
@@ -245,7 +248,7 @@ impl<Q> Teller<Q> {
     }
 
     fn page(&self, after: u64, head: u64, rows: Vec<EventRow>) -> EventPage {
-        EventPage { epoch: self.epoch, after, head, rows }
+        EventPage { host: self.host.clone(), epoch: self.epoch, after, head, rows }
     }
 
     fn forget(&mut self, answer: Answer<Q>) {

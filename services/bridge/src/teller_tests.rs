@@ -44,7 +44,7 @@ impl Feed {
         let directory = tempfile::tempdir().unwrap();
         let listener = UnixListener::bind(directory.path().join(SOCKET_FILE)).unwrap();
         let events = EventLoop::new().unwrap();
-        let teller = Teller::new(directory.path(), &events, EPOCH);
+        let teller = Teller::new("edge", directory.path(), &events, EPOCH);
         Self { _directory: directory, listener, events, teller, out: Vec::new() }
     }
 

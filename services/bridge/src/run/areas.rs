@@ -37,6 +37,8 @@ struct Shared {
 
 /// All of them.
 pub(super) struct Areas {
+    /// The id of this host.
+    host: String,
     shared: Vec<Shared>,
     ownership: Publisher<BytesHeader, u8>,
     state_dir: PathBuf,
@@ -84,7 +86,8 @@ impl Areas {
         }
         let ownership = worker.bus.publisher(&topic::ownership(), 0)?;
         let (claimed_ns, moves, files_refused, trouble) = (0, 0, 0, None);
-        Ok(Self { shared, ownership, state_dir, claimed_ns, moves, files_refused, trouble })
+        let host = me.id.clone();
+        Ok(Self { host, shared, ownership, state_dir, claimed_ns, moves, files_refused, trouble })
     }
 
     fn of(&mut self, area: &str) -> Option<&mut Shared> {
@@ -109,7 +112,7 @@ impl Areas {
             releases: shared.tenure.releases(),
             files: if shared.tenure.owns() { shared.files.clone() } else { Vec::new() },
         };
-        Claims { claims: self.shared.iter().map(claim).collect() }
+        Claims { host: self.host.clone(), claims: self.shared.iter().map(claim).collect() }
     }
 
     fn tell_supervisor(&mut self) {
@@ -157,6 +160,10 @@ impl Bridge {
         }
         for (host, bytes) in claims {
             match decode::<Claims>(&bytes) {
+                Ok(claims) if claims.host != self.hosts[host].id => {
+                    let expected = self.hosts[host].id.clone();
+                    self.misrouted(&expected, &claims.host);
+                }
                 Ok(claims) => self.take_claims(host, claims, now_ns)?,
                 Err(error) => {
                     refuse(&mut self.areas.files_refused, &self.hosts[host].id, &error);

@@ -27,6 +27,7 @@ impl Bridge {
             ("scans_lost", lost),
             ("scans_dropped", dropped.scans),
             ("scans_refused", counters.scans_refused),
+            ("messages_refused_misrouted", counters.misrouted),
             ("health_dropped", dropped.health),
             ("health_refused", counters.health_refused + not_there),
             ("events_out", counters.events_out),

@@ -66,13 +66,14 @@ impl Bridge {
                 if !self.link.sends(source as usize) {
                     continue; // of another host, for an area that both may run
                 }
+                let laser = self.link.laser(source as usize).to_owned();
                 let scan = (!sample.is_end_of_stream()).then(|| LaserScan {
                     stamp_ns: header.stamp_ns,
                     device_stamp_ns: header.device_stamp_ns,
                     geometry: header.geometry,
                     ranges_m: sample.payload().to_vec(),
                 });
-                let sent = encode(&CarriedScan { session, seq, scan })
+                let sent = encode(&CarriedScan { laser, session, seq, scan })
                     .is_ok_and(|bytes| self.link.send_scan(source as usize, bytes));
                 if sent {
                     self.counters.scans_out += 1;
@@ -94,6 +95,11 @@ impl Bridge {
                 return Ok(());
             }
         };
+        if carried.laser != incoming.laser {
+            let expected = format!("laser {}", incoming.laser);
+            self.misrouted(&expected, &carried.laser);
+            return Ok(());
+        }
         let (session, seq, source) = (carried.session, carried.seq, incoming.index);
         incoming.losses.observe(&Envelope { session, seq, source, ..Envelope::default() });
         let ranges_m = carried.scan.as_ref().map_or(&[][..], |scan| &scan.ranges_m);
