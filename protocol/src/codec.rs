@@ -6,6 +6,7 @@
 //! read, and refuses what it does not know. A change of a struct that postcard would read
 //! differently takes a new version.
 
+use crate::carried::{CarriedCounts, CarriedMap};
 use crate::event::{EventAcknowledgement, EventChange};
 use crate::health::Health;
 use crate::link::{CarriedScan, Claims, EventPage, FilePage, HostHealth};
@@ -266,4 +267,24 @@ impl Encoded for HostHealth {
     const KIND: u8 = 10;
     const VERSION: u8 = 1;
     const NAME: &'static str = "HostHealth";
+}
+
+impl Encoded for CarriedMap {
+    const KIND: u8 = 11;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "CarriedMap";
+
+    fn check(&self) -> Result<(), String> {
+        self.check_lengths()
+    }
+}
+
+impl Encoded for CarriedCounts {
+    const KIND: u8 = 12;
+    const VERSION: u8 = 1;
+    const NAME: &'static str = "CarriedCounts";
+
+    fn check(&self) -> Result<(), String> {
+        self.check_extent()
+    }
 }

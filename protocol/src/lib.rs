@@ -35,6 +35,7 @@
 //! whatever the bytes (property tests beside this crate, fuzz targets in `tests/fuzz`); the bytes of
 //! each version are held by tests (`tests/vocabulary/wire_format.rs`, `layout.rs`).
 
+pub mod carried;
 pub mod codec;
 pub mod event;
 pub mod frame;

@@ -19,6 +19,9 @@
 //! | `tog/<site>/<host>/health` | `HostHealth` | every host | every host |
 //! | `tog/<site>/<host>/event/live` | `EventPage` | every host | desks |
 //! | `tog/<site>/<host>/event/log?after=<n>` | `EventPage`, one reply | every host | who asks |
+//! | `tog/<site>/<host>/frame/<area>` | `CarriedMap` | hosts of the area | who asks |
+//! | `tog/<site>/<host>/classes/<area>` | `CarriedMap` | hosts of the area | who asks |
+//! | `tog/<site>/<host>/collapsed/<area>` | `CarriedCounts` | hosts of the area | who asks |
 //! | `tog/<site>/<host>/alive` | a liveliness token | hosts of areas with a standby | the other one |
 //! | `tog/<site>/<host>/claim` | `Claims` | hosts of areas with a standby | the other one |
 //! | `tog/<site>/<host>/replica/<area>?..` | `FilePage`, one reply | the owner | its standby |
@@ -142,6 +145,24 @@ pub fn live_key(site: &str, host: &str) -> String {
 #[must_use]
 pub fn log_key(site: &str, host: &str) -> String {
     format!("tog/{site}/{host}/event/log")
+}
+
+/// Key of the frames of an area that `host` may run.
+#[must_use]
+pub fn frame_key(site: &str, host: &str, area: &str) -> String {
+    format!("tog/{site}/{host}/frame/{area}")
+}
+
+/// Key of the class maps of an area that `host` may run.
+#[must_use]
+pub fn classes_key(site: &str, host: &str, area: &str) -> String {
+    format!("tog/{site}/{host}/classes/{area}")
+}
+
+/// Key of the collapsed maps of an area that `host` may run, all contexts.
+#[must_use]
+pub fn collapsed_key(site: &str, host: &str, area: &str) -> String {
+    format!("tog/{site}/{host}/collapsed/{area}")
 }
 
 /// Key of the liveliness token of a host.

@@ -13,6 +13,7 @@
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
 //! | `standby` | a host that is lost: its area goes on elsewhere |
+//! | `views` | frames and maps of an area at a host that follows it |
 //! | `intruder` | hosts with certificates, and who has none, or the wrong one |
 //! | `disk`, `damage` | a full disk, damaged files, a state directory that cannot be |
 //!
@@ -34,6 +35,7 @@ mod recorder;
 mod removed;
 mod standby;
 mod systemd;
+mod views;
 
 /// Two lasers of a small room, one area, everything else as it is by default.
 pub const ROOM: &str = r#"

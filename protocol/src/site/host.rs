@@ -25,6 +25,10 @@ pub struct Host {
     /// True for a host where people look at the alerts: the events of all hosts come here.
     #[serde(default)]
     pub desk: bool,
+    /// Areas of other hosts whose frames, class maps and collapsed maps are to be had here, too: in
+    /// shared memory, as if they ran here.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub follows: Vec<String>,
 }
 
 /// How bridges talk with each other.
@@ -101,6 +105,12 @@ impl Site {
     /// of a site without hosts.
     pub fn areas_on<'s>(&'s self, host: Option<&'s str>) -> impl Iterator<Item = &'s Area> {
         self.areas.iter().filter(move |area| area.may_run_on(host))
+    }
+
+    /// The areas that do not run on `host` and whose maps it wants, in the order of the file.
+    pub fn areas_followed_by(&self, host: Option<&str>) -> impl Iterator<Item = &Area> {
+        let follows = host.and_then(|id| self.host(id)).map_or(&[][..], |host| &host.follows);
+        self.areas.iter().filter(move |area| follows.contains(&area.id))
     }
 
     /// The lasers that run on `host`, in the order of the file; all of a site without hosts.

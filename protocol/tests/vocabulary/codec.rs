@@ -2,6 +2,7 @@
 
 use super::samples;
 use proptest::prelude::*;
+use protocol::carried::{CarriedCounts, CarriedMap};
 use protocol::codec::{BODY_BYTES_MAX, DecodeError, ENVELOPE_BYTES, Encoded, decode, encode};
 use protocol::event::{EventAcknowledgement, EventChange};
 use protocol::health::Health;
@@ -98,6 +99,10 @@ proptest! {
         let _ = decode::<HostHealth>(&bytes);
         let _ = decode::<FilePage>(&bytes);
         let _ = decode::<Ownership>(&bytes);
+        let _ = decode::<CarriedMap>(&bytes);
+        let _ = decode::<CarriedCounts>(&bytes);
+        any_body::<CarriedMap>(&bytes);
+        any_body::<CarriedCounts>(&bytes);
         any_body::<CarriedScan>(&bytes);
         any_body::<EventPage>(&bytes);
         any_body::<Claims>(&bytes);
@@ -115,6 +120,8 @@ fn a_message_that_is_cut_anywhere_says_that_it_is_cut() {
     cut_anywhere(&samples::health());
     cut_anywhere(&samples::carried_scan());
     cut_anywhere(&samples::event_page());
+    cut_anywhere(&samples::carried_map());
+    cut_anywhere(&samples::carried_counts());
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
+use protocol::carried::{CarriedCounts, CarriedMap, MapContent};
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::{Fault, Health, ServiceState};
 use protocol::link::{
@@ -226,4 +227,38 @@ pub fn file_page() -> FilePage {
 
 pub fn ownership() -> Ownership {
     Ownership { areas: vec![AreaOwnership { area: "foyer".to_owned(), runs: true }] }
+}
+
+pub fn carried_map() -> CarriedMap {
+    CarriedMap {
+        host: "desk".to_owned(),
+        area: "foyer".to_owned(),
+        content: MapContent::Classes,
+        session: STAMP_NS,
+        seq: 300,
+        number: 7,
+        period_ns: 100_000_000,
+        lasers_present: 5,
+        context: 1,
+        classes: 6,
+        columns: 20,
+        rows: 10,
+        is_key: false,
+        codes: vec![3, 300],
+    }
+}
+
+pub fn carried_counts() -> CarriedCounts {
+    CarriedCounts {
+        host: "desk".to_owned(),
+        area: "foyer".to_owned(),
+        number: 7,
+        period_ns: 100_000_000,
+        context: 1,
+        classes: 6,
+        columns: 20,
+        rows: 10,
+        offset: 1000,
+        runs: vec![(150, 0), (50, 300)],
+    }
 }

@@ -140,3 +140,15 @@ fn health_of_a_host_of_version_1_has_these_bytes() {
          61 73 65 72 5f 73 69 6c 65 6e 74 16 66 72 6f 6e 74 3a 20 6e 6f 20 73 63 61 6e 20 66 6f 72 20 33
          20 73 fd ce fe a7 a4 de b2 c3 18");
 }
+
+#[test]
+fn a_carried_map_of_version_1_has_these_bytes() {
+    check(&samples::carried_map(), "54 47 0b 01 26 00 00 00 04 64 65 73 6b 05 66 6f 79 65 72 01 80 cf fe a7 a4 de b2 c3 18 ac 02 07
+         80 c2 d7 2f 05 01 06 14 0a 00 02 03 ac 02");
+}
+
+#[test]
+fn carried_counts_of_version_1_have_these_bytes() {
+    check(&samples::carried_counts(), "54 47 0c 01 1d 00 00 00 04 64 65 73 6b 05 66 6f 79 65 72 07 80 c2 d7 2f 01 06 14 0a e8 07 02 96
+         01 00 32 ac 02");
+}

@@ -17,7 +17,11 @@ pub fn said_by(site: &Site, host: &str) -> Vec<String> {
     let scans = of_host.map(|(_, laser, _)| topic::scan_key(&site.name, host, &laser.id));
     let events = [topic::live_key(&site.name, host), topic::log_key(&site.name, host)];
     let always = [topic::health_key(&site.name, host)].into_iter().chain(events);
-    scans.chain(always).chain(said_of_areas(site, host)).collect()
+    let maps = site.areas_on(Some(host)).flat_map(|area| {
+        [topic::frame_key, topic::classes_key, topic::collapsed_key]
+            .map(|key| key(&site.name, host, &area.id))
+    });
+    scans.chain(always).chain(maps).chain(said_of_areas(site, host)).collect()
 }
 
 /// What two hosts that may run an area say to each other.

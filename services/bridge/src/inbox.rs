@@ -3,8 +3,9 @@
 //!
 //! The policy of each: scans, the newest win; health, the newest win; pages of events and of files, what
 //! finds no room goes (it is asked for again); questions, what finds no room goes unanswered (they are
-//! asked again); of whether a host is there and of its claims only the newest is kept, and never lost.
+//! asked again); frames and maps, the newest win; of whether a host is there and of its claims only the newest is kept, and never lost.
 
+use crate::link::View;
 use protocol::link::AreaFile;
 use rustix::event::{EventfdFlags, eventfd};
 use std::collections::{BTreeMap, VecDeque};
@@ -24,6 +25,10 @@ pub const ASKS_MAX: usize = 16;
 /// Most pages of files that wait: one an area is asked for at a time.
 pub const FILES_MAX: usize = 8;
 
+/// Most frames, or maps of one kind, of an area that wait: 0.4 s of the fastest; without the oldest the
+/// others are of no use until the next key frame.
+pub const VIEWS_MAX: usize = 32;
+
 /// What was thrown away because there was no room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Dropped {
@@ -35,6 +40,8 @@ pub struct Dropped {
     pub pages: u64,
     /// Questions.
     pub asks: u64,
+    /// Frames and maps.
+    pub maps: u64,
     /// Messages that were longer than any of their kind may be.
     pub too_long: u64,
 }
@@ -61,6 +68,10 @@ pub struct FileAsk<Q> {
     pub query: Q,
 }
 
+/// Encoded frames and maps, in order, each with the index of the host that says it; by the number of the
+/// followed area.
+pub type Arriving = BTreeMap<(usize, View), VecDeque<(usize, Vec<u8>)>>;
+
 #[derive(Debug)]
 struct Queues<Q> {
     scans: Vec<VecDeque<Vec<u8>>>,
@@ -71,6 +82,8 @@ struct Queues<Q> {
     claims: BTreeMap<usize, Vec<u8>>,
     files: VecDeque<(usize, Vec<u8>)>,
     file_asks: VecDeque<FileAsk<Q>>,
+    views: Arriving,
+    wanted: BTreeMap<(usize, View), bool>,
     dropped: Dropped,
 }
 
@@ -93,6 +106,8 @@ pub struct Arrived<Q> {
     pub files: VecDeque<(usize, Vec<u8>)>,
     /// Questions for files.
     pub file_asks: VecDeque<FileAsk<Q>>,
+    /// Frames and maps.
+    pub views: Arriving,
 }
 
 /// The queues, and the descriptor that wakes the loop.
@@ -117,6 +132,8 @@ impl<Q> Inbox<Q> {
             claims: BTreeMap::new(),
             files: VecDeque::new(),
             file_asks: VecDeque::new(),
+            views: BTreeMap::new(),
+            wanted: BTreeMap::new(),
             dropped: Dropped::default(),
         };
         let bell = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK)?;
@@ -204,6 +221,27 @@ impl<Q> Inbox<Q> {
         self.ring(queues);
     }
 
+    /// A frame or a map of the `place.0`th area that this host follows, from the host of this index.
+    pub fn view(&self, place: (usize, View), host: usize, bytes: Vec<u8>) {
+        let mut queues = self.lock();
+        let Queues { views, dropped, .. } = &mut *queues;
+        dropped.maps += push_newest(views.entry(place).or_default(), VIEWS_MAX, (host, bytes));
+        self.ring(queues);
+    }
+
+    /// Somebody elsewhere listens, or nobody does any more, to a view of an area of this host.
+    pub fn wanted(&self, place: (usize, View), is_wanted: bool) {
+        let mut queues = self.lock();
+        queues.wanted.insert(place, is_wanted);
+        self.ring(queues);
+    }
+
+    /// What came to be wanted, or not to be, since the last call.
+    #[must_use]
+    pub fn take_wanted(&self) -> BTreeMap<(usize, View), bool> {
+        std::mem::take(&mut self.lock().wanted)
+    }
+
     /// Something was longer than it may be, and was not taken.
     pub fn too_long(&self) {
         self.lock().dropped.too_long += 1;
@@ -215,7 +253,7 @@ impl<Q> Inbox<Q> {
         let mut count = [0; 8];
         let _ = rustix::io::read(&self.bell, &mut count); // it did not ring: nothing to silence
         let mut queues = self.lock();
-        let Queues { scans, health, pages, asks, alive, claims, files, file_asks, .. } =
+        let Queues { scans, health, pages, asks, alive, claims, files, file_asks, views, .. } =
             &mut *queues;
         let drained = scans.iter_mut().enumerate();
         Arrived {
@@ -229,6 +267,7 @@ impl<Q> Inbox<Q> {
             claims: std::mem::take(claims),
             files: std::mem::take(files),
             file_asks: std::mem::take(file_asks),
+            views: std::mem::take(views),
         }
     }
 

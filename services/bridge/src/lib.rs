@@ -11,6 +11,7 @@
 //! - **Scans: the newest wins.** A scan that finds no room goes, on this side (zenoh drops what does
 //!   not fit its queue) and on that (the oldest of [`inbox::SCANS_MAX`] a laser); both are counted by
 //!   the numbers of the laser's process.
+//! - **Frames and maps: only while somebody elsewhere listens**, and the newest wins: see [`maps`].
 //! - **Events: none is lost, none comes twice.** The journal of the host where an event happened is
 //!   the truth. A desk asks "everything after row n" in pages, is told rows as they come and where
 //!   the journal ends once a second, and moves its cursor on when *its* journal has acknowledged
@@ -33,6 +34,7 @@
 //! | who tried without the right to | [`guard`] |
 //! | which of two hosts runs an area | [`ownership`], pure; `run/areas.rs` acts |
 //! | how does a standby get the map | [`replica`] |
+//! | what is said of frames and maps, and made of it | [`maps`], pure; `run/maps.rs` acts |
 //! | when has a desk everything | [`follower`], pure |
 //! | how is the own journal told | `teller`, `feed_line` |
 //! | what is known of the other hosts | [`remote`], pure |
@@ -47,6 +49,7 @@ pub mod follower;
 pub mod guard;
 pub mod inbox;
 mod link;
+pub mod maps;
 pub mod ownership;
 pub mod remote;
 pub mod replica;

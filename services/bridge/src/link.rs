@@ -11,11 +11,14 @@
 //! with numbers of keys that mean something else there: messages arrive under wrong keys.
 
 mod areas;
+mod maps;
 
 use crate::access;
 use crate::inbox::{Ask, Inbox};
 use areas::Sharing;
 use certificates::Files;
+pub use maps::View;
+use maps::Views;
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::PAGE_BYTES_MAX;
 use protocol::scan::BEAMS_MAX;
@@ -69,6 +72,7 @@ pub struct Link {
     /// Those of them that come now.
     listening: BTreeMap<usize, Subscriber<()>>,
     sharing: Option<Sharing>,
+    views: Views,
 }
 
 impl Link {
@@ -135,6 +139,7 @@ impl Link {
             streams: streams.iter().map(shared).collect(),
             listening: BTreeMap::new(),
             sharing: sharing.transpose()?,
+            views: Views::declare(&session, site, me, inbox)?,
             site: site.name.clone(),
             scans: scans.collect::<Result<_, String>>()?,
             health: publisher(topic::health_key(&site.name, &me.id), Priority::DataLow)?,
@@ -349,6 +354,7 @@ mod tests {
             endpoint: format!("127.0.0.1:{port}"),
             transport: Transport::PlainTcp,
             desk: false,
+            follows: Vec::new(),
         };
         let mut site: Site = serde_json::from_value(json!({
             "name": "s",

@@ -3,9 +3,11 @@
 
 mod areas;
 mod health;
+mod maps;
 mod scans;
 
 use areas::Areas;
+use maps::Maps;
 use scans::{Incoming, Lanes};
 
 use crate::cursor::Shelf;
@@ -40,6 +42,8 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     worker.health.set_state(ServiceState::Running);
     loop {
         bridge.send_scans()?;
+        bridge.open_wanted(worker)?;
+        bridge.send_maps()?;
         bridge.send_health()?;
         bridge.take_acknowledgements(worker)?;
         bridge.take_arrived()?;
@@ -104,6 +108,7 @@ struct Bridge {
     certificate: Option<Certificate>,
     alarm: Alarm,
     areas: Areas,
+    maps: Maps,
     counters: Counters,
 }
 
@@ -136,6 +141,7 @@ impl Bridge {
         let link = Link::open(&site, &me, &streams, &sent, &shared, &inbox, &files)
             .map_err(Failure::Failed)?;
         let areas = Areas::open(worker, &me, &shelf, &of_areas)?;
+        let maps = Maps::open(worker, &site, &me)?;
         let count = site.hosts.len() - 1;
         tracing::info!("host {} listens on {} and looks for {count} more", me.id, me.endpoint);
         Ok(Self {
@@ -162,6 +168,7 @@ impl Bridge {
             certificate,
             alarm: Alarm::default(),
             areas,
+            maps,
             counters: Counters::default(),
         })
     }
@@ -223,7 +230,7 @@ impl Bridge {
 
     /// What came from other hosts.
     fn take_arrived(&mut self) -> Result<(), Failure> {
-        let Arrived { scans, health, pages, asks, alive, claims, files, file_asks } =
+        let Arrived { scans, health, pages, asks, alive, claims, files, file_asks, views } =
             self.inbox.take();
         self.take_areas(alive, claims)?;
         self.take_files(files, file_asks);
@@ -231,6 +238,7 @@ impl Bridge {
         for (stream, bytes) in scans {
             self.take_scan(stream, &bytes)?;
         }
+        self.take_maps(views)?;
         for (host, bytes) in health {
             let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) else { continue };
             match decode::<HostHealth>(&bytes) {

@@ -161,15 +161,19 @@ impl Plan {
             // A recording of a lossless replay has every scan as well.
             topics.push(plan.lossless_for(1 + scans));
             let frame = topic::frame(id, grid.plane_words());
-            topics.push(TopicPlan::new(&frame, 1, 1).buffered(FRAME_BUFFER, 0).lossless_for(1));
+            let plan = TopicPlan::new(&frame, 1, 1 + bridge).buffered(FRAME_BUFFER, 0);
+            topics.push(plan.lossless_for(1));
             let classes = topic::classes(id, grid.cells());
-            let plan = TopicPlan::new(&classes, 1, 1 + maps).buffered(CLASSES_BUFFER, 0);
+            let plan = TopicPlan::new(&classes, 1, 1 + maps + bridge).buffered(CLASSES_BUFFER, 0);
             topics.push(plan.lossless_for(1));
             // A message holds one context, so a late reader gets one of each.
             let contexts = area.contexts.len() + 1;
             let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
-            let plan = TopicPlan::new(&collapsed, 1, 1 + maps);
+            let plan = TopicPlan::new(&collapsed, 1, 1 + maps + bridge);
             topics.push(plan.buffered(contexts.max(2), contexts));
+        }
+        for area in site.areas_followed_by(host) {
+            topics.extend(followed_maps(area, maps));
         }
         let event = topic::event();
         let events = 1 + recorder(RecordedTopics::Events);
@@ -214,6 +218,19 @@ impl Plan {
     pub fn bytes_max(&self) -> u64 {
         self.topics.iter().map(TopicPlan::bytes_max).fold(0, u64::saturating_add)
     }
+}
+
+/// Maps of an area of another host: the bridge publishes them.
+fn followed_maps(area: &Area, recorders: usize) -> [TopicPlan; 3] {
+    let (id, grid, contexts) = (&area.id, area.grid(), area.contexts.len() + 1);
+    let frame = topic::frame(id, grid.plane_words());
+    let classes = topic::classes(id, grid.cells());
+    let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
+    [
+        TopicPlan::new(&frame, 1, 0).buffered(FRAME_BUFFER, 0),
+        TopicPlan::new(&classes, 1, recorders).buffered(CLASSES_BUFFER, 0),
+        TopicPlan::new(&collapsed, 1, recorders).buffered(contexts.max(2), contexts),
+    ]
 }
 
 /// Scans of lasers that run here for an area of another host: only the bridge reads them.
@@ -296,6 +313,7 @@ mod tests {
             endpoint: format!("127.0.0.1:{port}"),
             transport: protocol::site::Transport::PlainTcp,
             desk: id == "desk",
+            follows: Vec::new(),
         };
         site.hosts = vec![host("edge", 1), host("desk", 2)];
         site.areas[0].host = Some("desk".to_owned());

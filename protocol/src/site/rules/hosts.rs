@@ -32,6 +32,9 @@ pub(super) fn check(
     if hosts.is_empty() {
         return;
     }
+    for host in &hosts {
+        follows(host, areas, findings);
+    }
     for area in areas.iter().filter(|area| area.get("host").is_none()) {
         let found = "an area without `host`";
         findings.push(
@@ -75,6 +78,34 @@ fn known(place: &Node<'_>, key: &str, ids: &[&str], findings: &mut Vec<Finding>)
         None => format!("hosts of this file: {}", names(ids.iter().copied())),
     };
     findings.push(Finding::error(&node, quoted(id), "the id of a host of this file").help(help));
+}
+
+/// What a host follows is an area of another host.
+fn follows(host: &Node<'_>, areas: &[Node<'_>], findings: &mut Vec<Finding>) {
+    let id = host.text("id").map_or("", |(id, _)| id);
+    let area_ids: Vec<&str> = areas.iter().filter_map(|area| Some(area.text("id")?.0)).collect();
+    for followed in host.list("follows") {
+        let Some(name) = followed.value.as_str() else { continue }; // the schema says so
+        let Some(area) =
+            areas.iter().find(|area| area.text("id").is_some_and(|(id, _)| id == name))
+        else {
+            let help = match did_you_mean(name, area_ids.iter().copied()) {
+                Some(area) => format!("did you mean {area:?}?"),
+                None => format!("areas of this file: {}", names(area_ids.iter().copied())),
+            };
+            let expected = "the id of an area of this file";
+            findings.push(Finding::error(&followed, quoted(name), expected).help(help));
+            continue;
+        };
+        if ["host", "standby"].iter().any(|key| area.text(key).is_some_and(|(host, _)| host == id))
+        {
+            findings.push(
+                Finding::error(&followed, quoted(name), "an area of another host")
+                    .message(format!("area {name} may run on {id} itself: its maps are there"))
+                    .help("remove it from `follows`"),
+            );
+        }
+    }
 }
 
 /// A host is no standby of its own.

@@ -41,6 +41,11 @@ impl Bridge {
         ] {
             health.set_count(name, total);
         }
+        for (name, total) in self.maps.counts() {
+            health.set_count(name, total);
+        }
+        health.set_count("maps_dropped", dropped.maps);
+        health.gauge("maps_wanted", self.maps.wanted() as f64);
         let fault = self
             .teller
             .fault(now_ns)
@@ -49,6 +54,7 @@ impl Bridge {
         self.tell_security(worker, now_ns);
         self.tell_areas(worker, now_ns);
         self.tell_remote(worker, now_ns);
+        self.serve_late_readers();
     }
 
     fn tell_security(&mut self, worker: &mut Worker, now_ns: u64) {
