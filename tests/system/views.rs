@@ -81,7 +81,10 @@ fn look_at_both(at_home: &mut Eyes, afar: &mut Eyes, more: usize) {
             (frames, eyes.seen_classes.range(from..).count(), eyes.seen_collapsed.len())
         };
         let counts = (count(at_home), count(afar));
-        assert!(begin.elapsed() < WATCHDOG, "frames, class maps, collapsed maps of both: {counts:?}");
+        assert!(
+            begin.elapsed() < WATCHDOG,
+            "frames, class maps, collapsed maps of both: {counts:?}"
+        );
         // Each has a loop of its own: a moment for either.
         for eyes in [&*at_home, &*afar] {
             eyes.events.wait(Some(process::monotonic_ns() + 10_000_000)).unwrap();

@@ -1,4 +1,4 @@
-//! `cargo bench -p occupancy --bench table [-- W1r W2r W3r W1r-alone .. static gap long]`: the table
+//! `cargo bench -p occupancy --bench table [-- W1r W2r W3r W1r-alone .. static gap wire long]`: the table
 //! of the README.
 //!
 //! One thread, CPU time. Windows are full before anything is measured. The two versions take turns
@@ -8,6 +8,8 @@
 
 mod support;
 
+use protocol::carried::{CarriedMap, ClassIds, MapContent, Planes, delta, key};
+use protocol::codec::encode;
 use support::{Dense, Incremental, Load, cpu_us, median, resident_mb};
 
 /// Blocks measured. Each begins with the caches full of the other version's data, so they are long
@@ -43,6 +45,9 @@ fn main() {
     if wants("gap") {
         gaps();
     }
+    if wants("wire") {
+        wire();
+    }
     if wants("W1r-alone") {
         alone(&Load::w1r(13_500));
     }
@@ -55,6 +60,68 @@ fn main() {
     if wants("long") {
         long_run();
     }
+}
+
+/// What a frame and a class map cost on their way to another host.
+fn wire() {
+    println!(
+        "\n| to another host | frame delta bytes, median | most | key bytes | class map delta bytes, median | \
+         most | key bytes | encoding both us |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for load in [Load::w1r(6000), Load::w2r(6000), Load::w3r(2000)] {
+        let mut incremental = Incremental::new(&load);
+        let cells = load.cells();
+        let warm = load.ranges_m.len() - 1000;
+        let (mut frames, mut maps) = ([const { Vec::new() }; 2], [const { Vec::new() }; 2]);
+        let (mut before, mut us) = (None, Vec::new());
+        for (number, scans) in load.ranges_m.iter().enumerate() {
+            incremental.fuse(scans);
+            let words = [incremental.fuser.hit(), incremental.fuser.known()].concat();
+            incremental.step(number as u64);
+            if number < warm {
+                continue;
+            }
+            let now = (Planes { words, cells }, ClassIds(incremental.grid.classes().to_vec()));
+            if let Some((planes, ids)) = &before {
+                let begin = cpu_us();
+                let deltas =
+                    [encoded(delta(planes, &now.0), false), encoded(delta(ids, &now.1), false)];
+                us.push(cpu_us() - begin);
+                frames[0].push(deltas[0]);
+                maps[0].push(deltas[1]);
+            }
+            frames[1].push(encoded(key(&now.0), true));
+            maps[1].push(encoded(key(&now.1), true));
+            before = Some(now);
+        }
+        let of = |[mut deltas, mut keys]: [Vec<f64>; 2]| {
+            let most = deltas.iter().copied().fold(0.0, f64::max);
+            format!("{:.0} | {most:.0} | {:.0}", median(&mut deltas), median(&mut keys))
+        };
+        println!("| {} | {} | {} | {:.1} |", load.name, of(frames), of(maps), median(&mut us));
+    }
+}
+
+/// Bytes of the whole message.
+fn encoded(codes: Vec<u32>, is_key: bool) -> f64 {
+    let map = CarriedMap {
+        host: "desk".to_owned(),
+        area: "hall".to_owned(),
+        content: MapContent::Frame,
+        session: 1_764_000_000_000_000_000,
+        seq: 1_000_000,
+        number: 130_000_000_000,
+        period_ns: 13_333_333,
+        lasers_present: 15,
+        context: 0,
+        classes: 6,
+        columns: 1200,
+        rows: 1200,
+        is_key,
+        codes,
+    };
+    encode(&map).unwrap().len() as f64
 }
 
 fn compare(load: &Load, block: usize) {
