@@ -3,7 +3,7 @@
 use crate::operate::base_dir;
 use laser::replay::ReplaySource;
 use protocol::scan::{LaserScan, Reading, reading};
-use protocol::site::{Area, Laser, Remark, Severity, Site, Source};
+use protocol::site::{Area, Laser, Remark, RemarkOf, Severity, Site, Source};
 use std::path::Path;
 
 /// Scans of a recording that are looked at: a second or two of any laser.
@@ -21,7 +21,7 @@ pub fn sources(site: &Site, site_file: &Path) -> Vec<Remark> {
 
 fn source(site: &Site, index: usize, laser: &Laser, base_dir: &Path) -> Option<Remark> {
     let remark = |key, severity, message: String, expected: &str, help: &str| Remark {
-        laser: index,
+        of: RemarkOf::Source(index),
         key,
         severity,
         found: message.clone(),

@@ -40,7 +40,11 @@ pub enum Verb {
     /// Let a simulated site learn from its own past, in fast motion.
     Learn(Learn),
     /// Show how the services of a running site are.
-    Status(Status),
+    Status(crate::status::cli::Status),
+    /// Show a running site in the terminal, as it changes.
+    Top(crate::status::cli::Top),
+    /// Draw the processes of a site and what flows between them.
+    Graph(crate::status::cli::Graph),
     /// List or follow the alerts of a site.
     Alerts(Alerts),
     /// Draw, compare, add and export collapsed maps.
@@ -196,32 +200,6 @@ Exit code 0: learnt. 1: a laser is not simulated, the site runs, or the disk ref
 pub struct Learn {
     /// The site file; all its lasers are simulated.
     pub site: PathBuf,
-}
-
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  tog status deploy/foyer.toml
-  tog status deploy/foyer.toml --verbose
-  tog status deploy/foyer.toml --format json
-
-A line per service: its state, how long it runs, what it delivers a second, and `age`: of a laser
-the time since its newest scan was taken, of the others the time since they last told how they are
-(once a second; after 3 s a service is not well). Below it how far an area has learnt, and what is
-wrong, open faults of the feed included.
-
-Exit code 0: all is well. 1: something is wrong, or the site does not run. 2: usage. 78: the site
-file is wrong.")]
-/// Arguments of `tog status`.
-pub struct Status {
-    /// The site file of the running site.
-    pub site: PathBuf,
-    /// Process ids and every counter, too.
-    #[arg(long, short)]
-    pub verbose: bool,
-    /// Output.
-    #[arg(long, value_enum, default_value_t)]
-    pub format: Format,
 }
 
 #[derive(Debug, Args)]

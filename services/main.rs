@@ -14,6 +14,7 @@ mod pipeline;
 mod placement;
 mod replay;
 mod site_file;
+mod status;
 
 use clap::Parser;
 use cli::{Alerts, AlertsVerb, Cli, Verb, Worker};
@@ -28,7 +29,9 @@ fn main() -> ExitCode {
         Verb::Experiment(arguments) => experiment::main(&arguments),
         Verb::Learn(arguments) => learn::run(&arguments),
         Verb::Run(arguments) => operate::run(&arguments),
-        Verb::Status(arguments) => operate::status(&arguments),
+        Verb::Status(arguments) => status::status(&arguments),
+        Verb::Top(arguments) => status::top(&arguments),
+        Verb::Graph(arguments) => status::graph(&arguments),
         Verb::Alerts(arguments) => alerts_verb(arguments),
         Verb::Map(arguments) => map::main(&arguments),
         Verb::Bag(arguments) => bag::run(&arguments),

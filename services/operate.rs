@@ -1,6 +1,6 @@
-//! Verbs of a site: run, status, alerts, check, schema.
+//! Verbs of a site: run, alerts, check, schema.
 
-use crate::cli::{AlertsList, AlertsWatch, Check, Format, Run, Status};
+use crate::cli::{AlertsList, AlertsWatch, Check, Format, Run};
 use crate::site_file::SiteFileError;
 use crate::{certs, fail, placement, site_file};
 use process::instance::{default_run_root, run_dir_of};
@@ -24,7 +24,7 @@ pub fn base_dir(site_file: &Path) -> PathBuf {
 }
 
 /// Where a site keeps the journal of a host.
-fn journal(site: &Site, host: Option<&str>, site_file: &Path) -> PathBuf {
+pub fn journal(site: &Site, host: Option<&str>, site_file: &Path) -> PathBuf {
     base_dir(site_file).join(site.state_dir_of(host)).join(alerts::JOURNAL_FILE)
 }
 
@@ -91,27 +91,6 @@ pub fn run(arguments: &Run) -> ExitCode {
         }
         _ => ended,
     }
-}
-
-/// `tog status`. Exit code 1 if the site does not run, or something is wrong.
-pub fn status(arguments: &Status) -> ExitCode {
-    let site = match load(&arguments.site) {
-        Ok(site) => site,
-        Err(code) => return code,
-    };
-    let report = match supervisor::status(&site.name) {
-        Ok(report) => report,
-        Err(error) => return fail(exit::FAILED, error),
-    };
-    let text = match arguments.format {
-        Format::Text if arguments.verbose => report.table(),
-        Format::Text => report.summary(),
-        Format::Json => match report.json() {
-            Ok(json) => format!("{json:#}\n"),
-            Err(error) => return fail(exit::FAILED, error),
-        },
-    };
-    write_out(&text, if report.is_healthy() { exit::OK } else { exit::FAILED })
 }
 
 /// `tog alerts list`.
@@ -184,7 +163,8 @@ pub fn check(arguments: &Check) -> ExitCode {
         Ok(loaded) => loaded,
         Err(error) => return refuse(arguments, error),
     };
-    let remarks = crate::check::sources(&site, &arguments.site);
+    let mut remarks = crate::check::sources(&site, &arguments.site);
+    remarks.extend(placement::remarks(&site, &base_dir(&arguments.site)));
     let name = arguments.site.display().to_string();
     let remarks = Diagnostics::of_remarks(&text, &name, &remarks);
     if remarks.has_errors() {
@@ -194,7 +174,10 @@ pub fn check(arguments: &Check) -> ExitCode {
     let _ = write!(std::io::stderr(), "{remarks}");
     if !site.hosts.is_empty() {
         placement::warn_of_plain_tcp(&site);
-        return write_out(&placement::plan(&site, arguments.format), exit::OK);
+        return write_out(
+            &placement::plan(&site, &base_dir(&arguments.site), arguments.format),
+            exit::OK,
+        );
     }
     let (plan, roles) = (Plan::new(&site, None), Role::all(&site, None));
     let text = match arguments.format {

@@ -4,7 +4,7 @@ use super::made::{CORNER_AREA, corner, site, write};
 use super::support::{scratch, tog};
 use std::path::{Path, PathBuf};
 
-const VERBS: [&[&str]; 28] = [
+const VERBS: [&[&str]; 30] = [
     &[],
     &["demo"],
     &["replay"],
@@ -33,6 +33,8 @@ const VERBS: [&[&str]; 28] = [
     &["certs", "issue"],
     &["certs", "show"],
     &["doctor"],
+    &["top"],
+    &["graph"],
 ];
 
 fn deploy() -> PathBuf {
@@ -92,6 +94,14 @@ fn every_site_file_that_is_delivered_is_right() {
             let ended = tog(&scratch, [Path::new("check"), &path]);
             ended.expect(0, &["right, on 2 hosts", "tog run --host edge", "neither encrypted"]);
             checked += 1;
+        } else if path.ends_with("building.toml") {
+            let ended = tog(&scratch, [Path::new("check"), &path]);
+            ended.expect(
+                0,
+                &["right, on 3 hosts", "area lobby: on ground; if that is lost, on desk", "kB/s"],
+            );
+            assert!(ended.err.is_empty(), "{}", ended.err);
+            checked += 1;
         } else if path.extension().is_some_and(|extension| extension == "toml") {
             let ended = tog(&scratch, [Path::new("check"), &path]);
             ended.expect(0, &[": right. `tog run` would start", "shared memory", "  alerts\n"]);
@@ -105,6 +115,40 @@ fn every_site_file_that_is_delivered_is_right() {
         }
     }
     assert!(checked >= 4, "found {checked} site files in deploy/");
+}
+
+#[test]
+fn what_does_not_fit_a_host_or_its_network_is_refused() {
+    let scratch = scratch();
+    let text = std::fs::read_to_string(deploy().join("building.toml")).unwrap();
+    let path = scratch.path().join("site.toml");
+    let check = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        tog(&scratch, [Path::new("check"), &path])
+    };
+    let slow = text.replace("cores = 4\n", "cores = 4\nnetwork_mbit_s = 1\n");
+    check(&slow).expect(
+        78,
+        &["host desk would move 1.", "Mbit/s over a network of 1", "network_mbit_s = 1", "1 error"],
+    );
+    let narrow = text.replace("cores = 4\n", "cores = 4\nnetwork_mbit_s = 2\n");
+    check(&narrow).expect(0, &["host desk would move", "at most half of it"]);
+    let more = |n: usize| {
+        let laser = |n: usize| {
+            format!(
+                "[[laser]]\nid = \"more-{n}\"\narea = \"archive\"\nx_m = 4.6\ny_m = 0.2\nyaw_deg = 90\n\
+                 source = {{ kind = \"simulator\", scene = \"room\", seed = 1, rate_hz = 200 }}\n"
+            )
+        };
+        text.clone() + &(0..n).map(laser).collect::<String>()
+    };
+    check(
+        &more(60)
+            .replace("endpoint = \"10.20.0.20:7447\"", "cores = 1\nendpoint = \"10.20.0.20:7447\""),
+    )
+    .expect(78, &["host upper would be busy with", "of its 1 cores", "another host"]);
+    let alone = text.replace("host = \"desk\"\nx_m", "x_m");
+    check(&alone).expect(0, &["all lasers of area lobby hang on ground"]);
 }
 
 #[test]

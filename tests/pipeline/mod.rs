@@ -26,7 +26,7 @@ mod foreign_logs;
 mod golden;
 pub mod made;
 mod map;
-mod oracle;
+pub mod oracle;
 mod recordings;
 mod same_numbers;
 pub mod support;

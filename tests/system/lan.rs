@@ -9,6 +9,7 @@ use protocol::scan::ScanHeader;
 use protocol::topic;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
+use supervisor::ServiceStatus;
 
 const HOSTS: [&str; 3] = ["east", "west", "desk"];
 
@@ -33,10 +34,11 @@ fn building() -> Option<Building> {
     let mut toml = "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned();
     for host in HOSTS {
         let (address, desk) = (lan.address(host), host == "desk");
+        let follows = if host == "west" { "follows = [\"room\"]\n" } else { "" };
         let _ = write!(
             toml,
             "[[host]]\nid = \"{host}\"\nendpoint = \"{address}:7447\"\n\
-             transport = \"plain-tcp\"\ndesk = {desk}\n\n"
+             transport = \"plain-tcp\"\ndesk = {desk}\n{follows}\n"
         );
     }
     for (area, host) in [("room", "desk"), ("hall", "east")] {
@@ -127,6 +129,18 @@ impl Building {
         sent.len()
     }
 
+    /// Host, name and process id of every service.
+    fn processes(&mut self) -> Vec<(&'static str, String, u32)> {
+        let mut processes = Vec::new();
+        for (host, site) in HOSTS.iter().zip([&mut self.east, &mut self.west, &mut self.desk]) {
+            let report = site.status().unwrap();
+            let pid = |service: &ServiceStatus| Some((*host, service.name.clone(), service.pid?));
+            processes.extend(report.services.iter().filter_map(pid));
+            processes.push((*host, "supervisor".to_owned(), report.pid));
+        }
+        processes
+    }
+
     fn stop(mut self) {
         self.desk.stop();
         self.west.stop();
@@ -188,14 +202,13 @@ fn links_that_are_cut_lose_no_event_and_come_back() {
 fn four_lasers_at_75_hz_reach_the_host_of_their_area() {
     let Some(mut building) = building() else { return };
     building.desk.wait_until_frames_flow(5);
-    let pids = [
-        building.east.pid_of("bridge"),
-        building.west.pid_of("bridge"),
-        building.desk.pid_of("bridge"),
-    ];
+    let plan = building.desk.tog(&["check"], &["--format", "json"]);
+    let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).unwrap();
+    let processes = building.processes();
     let bytes = |building: &Building| HOSTS.map(|host| building.lan.bytes(host));
+    let cpu = || processes.iter().map(|(.., pid)| cpu_s(*pid)).collect::<Vec<_>>();
     let (scans, lost) = (building.scans_in(), building.scans_lost());
-    let (begin, bytes_before, cpu_before) = (Instant::now(), bytes(&building), pids.map(cpu_s));
+    let (begin, bytes_before, cpu_before) = (Instant::now(), bytes(&building), cpu());
     let seconds = if is_nightly() { 600 } else { 5 };
     let wanted = scans + 4 * 75 * seconds;
     building.desk.wait_until_within(
@@ -204,18 +217,35 @@ fn four_lasers_at_75_hz_reach_the_host_of_their_area() {
         |report| (count(find(report, "bridge"), "scans_in") >= wanted).then_some(()),
     );
     let (took_s, bytes_after) = (begin.elapsed().as_secs_f64(), bytes(&building));
-    let cpu_after = pids.map(cpu_s);
+    let cpu_after = cpu();
     let (came, lost) = (building.scans_in() - scans, building.scans_lost() - lost);
     println!("{came} scans in {took_s:.1} s, {lost} lost");
+    let (links, mut ratios) = (plan["links"].as_array().unwrap(), Vec::new());
     for (n, host) in HOSTS.iter().enumerate() {
         let per_s = |after: u64, before: u64| (after - before) as f64 / took_s;
-        println!(
-            "{host}: sends {:.0} B/s, receives {:.0} B/s; its bridge uses {:.2} % of a core",
+        let of_host = |key: &str| {
+            let of_host = links.iter().filter(|link| link[key] == *host);
+            of_host.map(|link| link["bytes_per_s"].as_f64().unwrap()).sum::<f64>()
+        };
+        let cores = plan["hosts"][n]["cores_busy"].as_f64().unwrap();
+        let (sends, receives) = (
             per_s(bytes_after[n].0, bytes_before[n].0),
             per_s(bytes_after[n].1, bytes_before[n].1),
-            100.0 * (cpu_after[n] - cpu_before[n]) / took_s,
         );
+        println!(
+            "{host}: sends {sends:.0} B/s of {:.0} planned, receives {receives:.0} of {:.0}; {:.1} % of a \
+             core planned",
+            of_host("from"),
+            of_host("to"),
+            100.0 * cores
+        );
+        ratios.extend([sends / of_host("from"), receives / of_host("to")]);
+        let of_host = processes.iter().zip(cpu_before.iter().zip(&cpu_after));
+        for ((_, name, _), (before, after)) in of_host.filter(|((of, ..), _)| of == host) {
+            println!("  {name}: {:.2} % of a core", 100.0 * (after - before) / took_s);
+        }
     }
+    assert!(ratios.iter().all(|ratio| (0.8..1.2).contains(ratio)), "of the plan: {ratios:.2?}");
     // On a machine that has nothing else to do none is lost; a busy one may stall for 0.4 s.
     assert!(lost * 20 < came, "{lost} of {came} are lost");
     building.assert_the_desk_has_all();

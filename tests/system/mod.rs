@@ -9,6 +9,7 @@
 //! | `removed` | files of a site that runs are removed; a second site on its state |
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
+//! | `clients` | programs in Python that share no code with us |
 //! | `lan` | three hosts in network namespaces: links that are cut, four lasers at 75 Hz |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
@@ -21,6 +22,7 @@
 //! disk needs the right to mount, else that test says that it is skipped.
 
 mod bridge;
+mod clients;
 mod damage;
 mod disk;
 mod doctor;

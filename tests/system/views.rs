@@ -12,19 +12,19 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// What somebody on a host reads of the area `hall`, by the number of the frame.
-struct Eyes {
+pub(super) struct Eyes {
     events: EventLoop,
     frames: Subscriber<FrameHeader, u64>,
     classes: Subscriber<ClassMapHeader, u8>,
     collapsed: Subscriber<CollapsedMapHeader, u64>,
-    seen_frames: BTreeMap<u64, (u64, Vec<u64>)>,
-    seen_classes: BTreeMap<u64, (u32, Vec<u8>)>,
-    seen_collapsed: BTreeMap<u64, Vec<u64>>,
+    pub(super) seen_frames: BTreeMap<u64, (u64, Vec<u64>)>,
+    pub(super) seen_classes: BTreeMap<u64, (u32, Vec<u8>)>,
+    pub(super) seen_collapsed: BTreeMap<u64, Vec<u64>>,
     _bus: Bus,
 }
 
 impl Eyes {
-    fn open(site: &Site, toml: &str) -> Self {
+    pub(super) fn open(site: &Site, toml: &str) -> Self {
         let file = SiteFile::parse(toml, "t").unwrap_or_else(|errors| panic!("{errors}"));
         let area = file.areas.iter().find(|area| area.id == "hall").unwrap();
         let (grid, classes) = (area.grid(), area.class_names().len());
@@ -41,6 +41,12 @@ impl Eyes {
             events,
             _bus: bus,
         }
+    }
+
+    /// Waits for a moment, or until there is something, and looks.
+    pub(super) fn wait_and_look(&mut self) {
+        self.events.wait(Some(process::monotonic_ns() + 50_000_000)).unwrap();
+        self.look();
     }
 
     fn look(&mut self) {

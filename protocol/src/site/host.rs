@@ -25,10 +25,36 @@ pub struct Host {
     /// True for a host where people look at the alerts: the events of all hosts come here.
     #[serde(default)]
     pub desk: bool,
+    /// Cores of its processor: `tog check` refuses what they cannot do.
+    #[serde(default = "two_cores", skip_serializing_if = "is_two_cores")]
+    #[schemars(range(min = 1, max = 1024))]
+    pub cores: u32,
+    /// How fast its network is, megabits a second: `tog check` refuses what does not fit.
+    #[serde(default = "a_gigabit", skip_serializing_if = "is_a_gigabit")]
+    #[schemars(range(min = 1, max = 400_000))]
+    pub network_mbit_s: u32,
     /// Areas of other hosts whose frames, class maps and collapsed maps are to be had here, too: in
     /// shared memory, as if they ran here.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub follows: Vec<String>,
+}
+
+fn two_cores() -> u32 {
+    2
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
+fn is_two_cores(cores: &u32) -> bool {
+    *cores == two_cores()
+}
+
+fn a_gigabit() -> u32 {
+    1000
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
+fn is_a_gigabit(network_mbit_s: &u32) -> bool {
+    *network_mbit_s == a_gigabit()
 }
 
 /// How bridges talk with each other.

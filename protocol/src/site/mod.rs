@@ -38,7 +38,7 @@ pub use host::{HOSTS_MAX, Host, Transport};
 pub use laser::{Laser, NoReturn, Pace, Source};
 pub use place::{Context, Weekday, Zone, minute_of_day};
 pub use recorder::{RecordedTopics, Recorder};
-pub use remark::Remark;
+pub use remark::{Remark, RemarkOf};
 pub use words::is_id;
 
 use diagnostics::Finding;

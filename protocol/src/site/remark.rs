@@ -4,12 +4,21 @@
 use super::diagnostics::{Diagnostics, Finding, Severity};
 use super::tree::Node;
 
-/// A remark on the source of a laser.
+/// What a remark is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RemarkOf {
+    /// The source of a laser, by its index in the site.
+    Source(usize),
+    /// A host, by its index in the site.
+    Host(usize),
+}
+
+/// A remark on the source of a laser, or on a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Remark {
-    /// Index of the laser in the site.
-    pub laser: usize,
-    /// Key of its source: `scene`, `recording`, `topic`.
+    /// What it is about.
+    pub of: RemarkOf,
+    /// Key there: `scene`, `recording`, `topic` of a source, `cores`, `network_mbit_s` of a host.
     pub key: &'static str,
     /// How bad it is.
     pub severity: Severity,
@@ -30,10 +39,13 @@ impl Diagnostics {
         let (table, _) = toml::de::DeTable::parse_recoverable(text);
         let value = toml::de::DeValue::Table(table.into_inner());
         let root = Node::root(&value);
-        let lasers = root.list("laser");
+        let (lasers, hosts) = (root.list("laser"), root.list("host"));
         let place = |remark: &Remark| {
-            let laser = lasers.get(remark.laser).cloned().unwrap_or_else(|| root.clone());
-            laser.get_or_self("source").get_or_self(remark.key)
+            let of = match remark.of {
+                RemarkOf::Source(laser) => lasers.get(laser).map(|l| l.get_or_self("source")),
+                RemarkOf::Host(host) => hosts.get(host).cloned(),
+            };
+            of.unwrap_or_else(|| root.clone()).get_or_self(remark.key)
         };
         let finding = |remark: &Remark| {
             let (node, found) = (place(remark), remark.found.as_str());

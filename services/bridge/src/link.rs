@@ -354,6 +354,8 @@ mod tests {
             endpoint: format!("127.0.0.1:{port}"),
             transport: Transport::PlainTcp,
             desk: false,
+            cores: 2,
+            network_mbit_s: 1000,
             follows: Vec::new(),
         };
         let mut site: Site = serde_json::from_value(json!({

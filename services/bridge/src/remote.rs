@@ -92,6 +92,19 @@ impl RemoteHost {
         self.heard_ns.map(|heard_ns| mono_ns.saturating_sub(heard_ns) as f64 / 1e9)
     }
 
+    /// How many processes it has, and of how many something was heard lately.
+    #[must_use]
+    pub fn services(&self, mono_ns: u64) -> (usize, usize) {
+        (self.names.len(), self.services.keys().filter(|name| self.hears(name, mono_ns)).count())
+    }
+
+    /// True if the process told lately how it is.
+    #[must_use]
+    pub fn hears(&self, name: &str, mono_ns: u64) -> bool {
+        let lately = |service: &Service| mono_ns.saturating_sub(service.heard_ns) < LOST_NS;
+        self.services.get(name).is_some_and(lately)
+    }
+
     /// Why the host is lost, if it is.
     #[must_use]
     pub fn lost(&self, mono_ns: u64, endpoint: &str) -> Option<String> {

@@ -30,6 +30,7 @@ use protocol::site::{Host, Site};
 use protocol::time::SECOND_NS;
 use protocol::topic;
 use protocol::wire::BytesHeader;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Runs the bridge until it is asked to stop.
@@ -103,6 +104,8 @@ struct Bridge {
     teller: Teller<Asker>,
     /// By the index of the host; none for this one.
     remote: Vec<Option<RemoteHost>>,
+    /// The areas that each host may run.
+    areas_of: BTreeMap<String, Vec<String>>,
     looked_ns: u64,
     /// Where the hosts use TLS.
     certificate: Option<Certificate>,
@@ -161,6 +164,7 @@ impl Bridge {
             ),
             shelf,
             remote: site.hosts.iter().map(|host| remote(&site, host, &me, now_ns)).collect(),
+            areas_of: site.hosts.iter().map(|host| areas_of(&site, host)).collect(),
             looked_ns: 0,
             hosts: site.hosts,
             me,
@@ -391,6 +395,10 @@ fn follow(site: &Site, me: &Host, shelf: &Shelf, now_ns: u64) -> Vec<Followed> {
         Followed { follower, host: index }
     };
     others.map(follow).collect()
+}
+
+fn areas_of(site: &Site, host: &Host) -> (String, Vec<String>) {
+    (host.id.clone(), site.areas_on(Some(&host.id)).map(|area| area.id.clone()).collect())
 }
 
 fn remote(site: &Site, host: &Host, me: &Host, now_ns: u64) -> Option<RemoteHost> {

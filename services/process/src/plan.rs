@@ -313,6 +313,8 @@ mod tests {
             endpoint: format!("127.0.0.1:{port}"),
             transport: protocol::site::Transport::PlainTcp,
             desk: id == "desk",
+            cores: 2,
+            network_mbit_s: 1000,
             follows: Vec::new(),
         };
         site.hosts = vec![host("edge", 1), host("desk", 2)];

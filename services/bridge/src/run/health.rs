@@ -82,6 +82,13 @@ impl Bridge {
             if let Some(ahead_ns) = remote.clock.ahead_ns() {
                 health.gauge(&format!("clock_ahead_s {id}"), ahead_ns as f64 / 1e9);
             }
+            let (all, heard) = remote.services(now_ns);
+            health.gauge(&format!("host_services {id}"), all as f64);
+            health.gauge(&format!("host_services_heard {id}"), heard as f64);
+            for area in &self.areas_of[id] {
+                let runs = remote.hears(&format!("fusion {area}"), now_ns);
+                health.gauge(&format!("host_runs_area {id} {area}"), f64::from(u8::from(runs)));
+            }
             if let Some(age_s) = remote.age_s(now_ns) {
                 health.gauge(&format!("host_age_s {id}"), age_s);
             }

@@ -1,13 +1,17 @@
 //! Which host this is, and what a site of several hosts has where.
 
+mod cost;
+
 use crate::cli::Format;
+use cost::{Costs, Stream};
 use jiff::Timestamp;
 use process::Role;
 use process::plan::Plan;
-use protocol::site::{Host, Site, Source};
+use protocol::site::{Area, Host, Remark, RemarkOf, Severity, Site, Source};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io::Write as _;
+use std::path::Path;
 
 fn ids(site: &Site) -> String {
     site.hosts.iter().map(|host| host.id.as_str()).collect::<Vec<_>>().join(", ")
@@ -120,71 +124,125 @@ pub fn warn_of_plain_tcp(site: &Site) {
     }
 }
 
-/// What crosses from one host to another.
-struct Link<'s> {
-    from: &'s str,
-    to: &'s str,
-    what: String,
-}
-
-fn links(site: &Site) -> Vec<Link<'_>> {
-    let mut links = Vec::new();
-    for (_, laser, area) in site.lasers_that_cross() {
-        let (Some(from), Some(to)) = (site.host_of_laser(laser), site.host_of_area(area)) else {
-            continue;
+/// What does not fit, and what fits with nothing to spare.
+pub fn remarks(site: &Site, base_dir: &Path) -> Vec<Remark> {
+    let (costs, mut remarks) = (Costs::of(site, base_dir), Vec::new());
+    let streams = costs.streams();
+    for (index, host) in site.hosts.iter().enumerate() {
+        let mut remark = |key, severity, message: String, expected: String, help: &str| {
+            let found = message.clone();
+            let (of, help) = (RemarkOf::Host(index), help.to_owned());
+            remarks.push(Remark { of, key, severity, message, found, expected, help });
         };
-        let what = format!("scans of laser {}, for area {}", laser.id, area.id);
-        links.push(Link { from, to, what });
+        let has = f64::from(host.cores);
+        let busy = costs.cores(&streams, Some(&host.id), true);
+        if busy > has / 2.0 {
+            let severity = if busy > has { Severity::Error } else { Severity::Warning };
+            let message = format!(
+                "host {} would be busy with {busy:.1} of its {} cores, its standbys included",
+                host.id, host.cores
+            );
+            let expected = "at most half, so that a bad moment costs nothing".to_owned();
+            let help =
+                "place some of its areas or lasers on another host; or say how many cores it has";
+            remark("cores", severity, message, expected, help);
+        }
+        let each_way = [true, false].map(|sends| {
+            let others = site.hosts.iter().filter(|other| other.id != host.id);
+            let link = |other: &Host| match sends {
+                true => costs.link_bytes_per_s(&streams, &host.id, &other.id),
+                false => costs.link_bytes_per_s(&streams, &other.id, &host.id),
+            };
+            others.map(link).sum::<f64>()
+        });
+        let busiest_mbit_s = each_way[0].max(each_way[1]) * 8e-6;
+        let has = f64::from(host.network_mbit_s);
+        if busiest_mbit_s > has / 2.0 {
+            let severity = if busiest_mbit_s > has { Severity::Error } else { Severity::Warning };
+            let message = format!(
+                "host {} would move {busiest_mbit_s:.1} Mbit/s over a network of {}",
+                host.id, host.network_mbit_s
+            );
+            let expected = "at most half of it".to_owned();
+            let help = "run areas where their lasers are, or say how fast the network is";
+            remark("network_mbit_s", severity, message, expected, help);
+        }
+        let own = site.areas.iter().filter(|area| area.host.as_deref() == Some(&host.id));
+        for area in own.filter(|area| area.standby.is_some()) {
+            let mut lasers = site.lasers.iter().filter(|laser| laser.area == area.id);
+            if lasers.all(|laser| site.host_of_laser(laser) == Some(&host.id)) {
+                let message = format!(
+                    "all lasers of area {} hang on {}: its standby would see nothing if that is lost",
+                    area.id, host.id
+                );
+                let expected = "a laser of the area on another host".to_owned();
+                remark("id", Severity::Warning, message, expected, "see `host` of a [[laser]]");
+            }
+        }
     }
-    let pairs = |wanted: fn(&Host) -> bool| {
-        site.hosts.iter().flat_map(move |from| {
-            let others = site.hosts.iter().filter(move |to| to.id != from.id && wanted(to));
-            others.map(move |to| (from.id.as_str(), to.id.as_str()))
-        })
-    };
-    let link = |what: &str| {
-        let what = what.to_owned();
-        move |(from, to)| Link { from, to, what: what.clone() }
-    };
-    links.extend(pairs(|to| to.desk).map(link("events, none lost")));
-    links.extend(pairs(|_| true).map(link("health")));
-    links
+    remarks
 }
 
 /// What `tog check` shows of a site with hosts.
-pub fn plan(site: &Site, format: Format) -> String {
+pub fn plan(site: &Site, base_dir: &Path, format: Format) -> String {
+    let costs = Costs::of(site, base_dir);
+    let streams = costs.streams();
     match format {
-        Format::Text => text(site),
-        Format::Json => {
-            let host = |host: &Host| {
-                let (plan, roles) = plan_of(site, host);
-                json!({
-                    "id": host.id,
-                    "endpoint": host.endpoint,
-                    "transport": host.transport,
-                    "desk": host.desk,
-                    "processes": roles.iter().map(Role::to_string).collect::<Vec<_>>(),
-                    "topics": plan.topics.iter().map(|topic| &topic.name).collect::<Vec<_>>(),
-                    "shared_memory_bytes_max": plan.bytes_max(),
-                })
-            };
-            let link =
-                |link: &Link<'_>| json!({ "from": link.from, "to": link.to, "what": link.what });
-            let report = json!({
-                "site": site.name,
-                "hosts": site.hosts.iter().map(host).collect::<Vec<_>>(),
-                "links": links(site).iter().map(link).collect::<Vec<_>>(),
-            });
-            format!("{report:#}\n")
-        }
+        Format::Text => text(site, &costs, &streams),
+        Format::Json => json(site, &costs, &streams),
     }
+}
+
+fn json(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
+    let host = |host: &Host| {
+        let (plan, roles) = plan_of(site, host);
+        json!({
+            "id": host.id,
+            "endpoint": host.endpoint,
+            "transport": host.transport,
+            "desk": host.desk,
+            "follows": host.follows,
+            "cores": host.cores,
+            "cores_busy": costs.cores(streams, Some(&host.id), false),
+            "cores_busy_with_standbys": costs.cores(streams, Some(&host.id), true),
+            "processes": roles.iter().map(Role::to_string).collect::<Vec<_>>(),
+            "topics": plan.topics.iter().map(|topic| &topic.name).collect::<Vec<_>>(),
+            "shared_memory_bytes_max": plan.bytes_max(),
+        })
+    };
+    let stream = |stream: &Stream<'_>| {
+        json!({
+            "from": stream.from, "to": stream.to, "what": stream.what,
+            "bytes_per_s": stream.bytes_per_s.round(),
+        })
+    };
+    let link = |(from, to): (&str, &str)| {
+        let bytes_per_s = costs.link_bytes_per_s(streams, from, to).round();
+        json!({ "from": from, "to": to, "bytes_per_s": bytes_per_s })
+    };
+    let area = |area: &Area| json!({ "id": area.id, "host": area.host, "standby": area.standby });
+    let report = json!({
+        "site": site.name,
+        "hosts": site.hosts.iter().map(host).collect::<Vec<_>>(),
+        "areas": site.areas.iter().map(area).collect::<Vec<_>>(),
+        "links": pairs(site).map(link).collect::<Vec<_>>(),
+        "streams": streams.iter().map(stream).collect::<Vec<_>>(),
+    });
+    format!("{report:#}\n")
+}
+
+fn pairs(site: &Site) -> impl Iterator<Item = (&str, &str)> {
+    site.hosts.iter().flat_map(move |from| {
+        let others = site.hosts.iter().filter(move |to| to.id != from.id);
+        others.map(move |to| (from.id.as_str(), to.id.as_str()))
+    })
 }
 
 fn plan_of(site: &Site, host: &Host) -> (Plan, Vec<Role>) {
     (Plan::new(site, Some(&host.id)), Role::all(site, Some(&host.id)))
 }
 
-fn text(site: &Site) -> String {
+fn text(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
     let mut text = format!("{}: right, on {} hosts\n", site.name, site.hosts.len());
     // Writing to a String cannot fail.
     for host in &site.hosts {
@@ -193,23 +251,32 @@ fn text(site: &Site) -> String {
         let _ = writeln!(
             text,
             "host {}, {}{desk}: `tog run --host {}` would start {} processes, {:.1} MB of shared \
-             memory in the worst case:",
+             memory in the worst case, about {:.0} % of a core:",
             host.id,
             host.endpoint,
             host.id,
             roles.len(),
-            plan.bytes_max() as f64 / 1e6
+            plan.bytes_max() as f64 / 1e6,
+            100.0 * costs.cores(streams, Some(&host.id), false)
         );
         for role in roles {
             let _ = writeln!(text, "  {role}");
         }
     }
-    let links = links(site);
-    if !links.is_empty() {
-        text.push_str("between the hosts:\n");
+    for area in &site.areas {
+        if let (Some(host), Some(standby)) = (&area.host, &area.standby) {
+            let _ = writeln!(text, "area {}: on {host}; if that is lost, on {standby}", area.id);
+        }
     }
-    for Link { from, to, what } in links {
-        let _ = writeln!(text, "  {from} -> {to}: {what}");
+    if site.has_bridges() {
+        text.push_str("between the hosts, as long as nothing happens, kB/s on the wire:\n");
+    }
+    for (from, to) in pairs(site) {
+        let kb_per_s = costs.link_bytes_per_s(streams, from, to) / 1e3;
+        let _ = writeln!(text, "  {from} -> {to}: {kb_per_s:.1}");
+        for stream in streams.iter().filter(|stream| (stream.from, stream.to) == (from, to)) {
+            let _ = writeln!(text, "  {:>9.1}  {}", stream.bytes_per_s / 1e3, stream.what);
+        }
     }
     text
 }

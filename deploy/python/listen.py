@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""Events and class maps of a site on other machines, with the package eclipse-zenoh and nothing of tog.
+
+    pip install eclipse-zenoh==1.10.2
+    python3 listen.py SITE tcp/10.20.0.1:7447 tcp/10.20.0.10:7447
+
+SITE is the `name` of the site file, and the endpoints those of the hosts that are to be heard. Prints a
+line of JSON for every event and every class map. With transport = "tls" use the certificate of a host
+(--tls DIR HOST, see `tog certs`): hosts may listen to each other.
+
+Layout: 8 bytes of envelope (`TG`, kind, version, length), then postcard: integers are varints, floats
+little endian, texts and lists have their length before them (protocol/src/codec.rs, carried.rs, link.rs).
+"""
+import json
+import struct
+import sys
+import threading
+
+import zenoh
+
+KINDS = """unusual_activity loitering object_left object_missing door_held_open crowd laser_silent laser_stuck
+laser_blocked laser_blinded laser_moved coverage_lost process_restarted storage_fault""".split()
+STATES = "raised updated cleared".split()
+CLASS_SYMBOLS = 17
+
+
+class Body:
+    """What is behind the envelope of a message of this kind and version."""
+
+    def __init__(self, message, kind, version):
+        if message[:4] != bytes([ord("T"), ord("G"), kind, version]):
+            raise ValueError(f"another message than of kind {kind} version {version}: {message[:4]!r}")
+        self.bytes, self.at = message[8:], 0
+
+    def take(self, length):
+        self.at += length
+        return self.bytes[self.at - length : self.at]
+
+    def number(self):
+        value = shift = 0
+        while True:
+            byte = self.take(1)[0]
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+    def text(self):
+        return self.take(self.number()).decode()
+
+    def floats(self, count):
+        return struct.unpack(f"<{count}d", self.take(8 * count))
+
+
+def events(message):
+    """The changes of a page of a host's journal, as they happen; none in a mere sign of life."""
+    body = Body(message, 6, 2)
+    host, _epoch, _after, _head = body.text(), body.number(), body.number(), body.number()
+    for _ in range(body.number()):
+        change = {"host": host, "journal_id": body.number(), "origin": body.text()}
+        change |= {"sequence": body.number(), "id": body.text()}
+        change |= {"kind": KINDS[body.number()], "state": STATES[body.number()]}
+        change |= {"stamp_ns": body.number(), "first_evidence_ns": body.number(), "area": body.text()}
+        change["zone"] = body.text() if body.number() else None
+        change["x_m"], change["y_m"], *change["bounds_m"], _, _ = body.floats(8)
+        body.number()  # whether the threshold was extrapolated
+        change["text"] = body.text()
+        yield change
+
+
+class ClassMaps:
+    """The class maps of one stream; 255 is unknown. None until the first key frame, at most a second."""
+
+    def __init__(self):
+        self.ids, self.last = None, None
+
+    def take(self, message):
+        body = Body(message, 11, 1)
+        _host, area, _content = body.text(), body.text(), body.number()
+        session, seq, number, period_ns = (body.number() for _ in range(4))
+        _lasers, _context, _classes, columns, rows = (body.number() for _ in range(5))
+        is_key = body.number()
+        if not is_key and self.last != (session, seq - 1):
+            self.ids = None
+        self.last = (session, seq)
+        if is_key:
+            self.ids = bytearray(columns * rows)
+        if self.ids is None:
+            return None
+        cell = 0
+        for _ in range(body.number()):
+            count, symbol = divmod(body.number(), CLASS_SYMBOLS)
+            begin, cell = (cell if is_key else cell + count), cell + count + 1
+            self.ids[begin:cell] = bytes([(symbol - 1) % 256]) * (cell - begin)
+        return {"area": area, "number": number, "stamp_ns": number * period_ns, "rows": rows} | {
+            "columns": columns,
+            "classes": self.ids.hex(),
+        }
+
+
+def main(site, *endpoints):
+    config = zenoh.Config()
+    if "--tls" in endpoints:
+        at = endpoints.index("--tls")
+        directory, host = endpoints[at + 1 : at + 3]
+        endpoints = endpoints[:at] + endpoints[at + 3 :]
+        tls = {"root_ca_certificate": f"{directory}/site-ca.pem", "enable_mtls": True}
+        tls |= {"connect_certificate": f"{directory}/{host}.pem", "connect_private_key": f"{directory}/{host}.key"}
+        config.insert_json5("transport/link/tls", json.dumps(tls))
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps(endpoints))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    lock, streams = threading.Lock(), {}
+
+    def show(what):
+        with lock:
+            print(json.dumps(what), flush=True)
+
+    def on_event(sample):
+        for change in events(sample.payload.to_bytes()):
+            show({"event": change})
+
+    def on_classes(sample):
+        shown = streams.setdefault(str(sample.key_expr), ClassMaps()).take(sample.payload.to_bytes())
+        if shown:
+            show({"class_map": shown})
+
+    with zenoh.open(config) as session:
+        session.declare_subscriber(f"tog/{site}/*/event/live", on_event)
+        session.declare_subscriber(f"tog/{site}/*/classes/*", on_classes)
+        threading.Event().wait()
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    try:
+        main(*sys.argv[1:])
+    except KeyboardInterrupt:
+        pass

@@ -1,0 +1,304 @@
+//! What a site of several hosts costs: bytes a second from host to host, and the CPU of each host.
+//!
+//! Bytes are those on the wire, Ethernet headers included, counted from the messages as they are
+//! encoded; a test compares them with the counters of the network within 20 %. CPU is the sum of what
+//! the services were measured to take (the constants below say on what); a machine of another make
+//! takes more or less. Pure, but for the scenes and recordings that say how many beams a laser has.
+
+use laser::replay::ReplaySource;
+use process::Role;
+use protocol::carried::CarriedMap;
+use protocol::codec::{Encoded, encode};
+use protocol::link::{CarriedScan, EventPage};
+use protocol::scan::{LaserScan, ScanGeometry};
+use protocol::site::{Area, Host, Laser, Pace, Site, Source, Transport};
+use std::path::Path;
+
+/// What a laser sends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feed {
+    /// Beams of a scan.
+    pub beams: usize,
+    /// Scans a second.
+    pub rate_hz: f64,
+}
+
+/// Ethernet, IP and TCP with timestamps, around a message or an acknowledgement.
+const PACKET_BYTES: usize = 66;
+/// What zenoh puts round a message whose key it has numbered.
+const ZENOH_BYTES: usize = 16;
+/// What TLS puts round a record.
+const TLS_BYTES: usize = 22;
+/// A process tells how it is once a second; counters and their names make most of it.
+const HEALTH_BYTES: usize = 420;
+/// zenoh keeps a link alive with a message each quarter of the lease of 2 s.
+const KEEP_ALIVES_HZ: f64 = 2.0;
+/// Of what is received about every second packet is acknowledged, fewer where they come in pairs.
+const ACKNOWLEDGED: f64 = 0.4;
+/// Bytes of a frame's delta for each beam of the area's lasers: 0.4 (W3r) to 0.75 (W1r), see `table wire`.
+const DELTA_BYTES_A_BEAM: f64 = 0.75;
+/// Bytes of a class map's delta for each beam: 0.07 to 0.1, likewise.
+const CLASS_DELTA_BYTES_A_BEAM: f64 = 0.1;
+
+/// How many beams a laser has, and how many scans a second; none if its scene or recording cannot be
+/// read.
+pub fn feed(laser: &Laser, base_dir: &Path) -> Option<Feed> {
+    match &laser.source {
+        Source::Simulator { scene, rate_hz, .. } => {
+            let scene = laser::site::load_scene(scene, base_dir).ok()?;
+            let beams = laser::site::simulated_laser(&scene, laser).beams as usize;
+            Some(Feed { beams, rate_hz: *rate_hz })
+        }
+        Source::Replay { recording, topic, pace } => {
+            let pace = match pace {
+                Pace::RealTime => 1.0,
+                Pace::Times(times) => *times,
+                Pace::Lossless => return None, // as fast as it goes
+            };
+            let mut replay =
+                ReplaySource::open(&base_dir.join(recording), topic.as_deref()).ok()?;
+            let (mut scan, mut stamps_ns) = (LaserScan::default(), Vec::new());
+            while stamps_ns.len() < 21 && replay.next(&mut scan).ok()? {
+                stamps_ns.push(scan.stamp_ns);
+            }
+            let span_s = (stamps_ns.last()? - stamps_ns.first()?) as f64 / 1e9;
+            let rate_hz = pace * (stamps_ns.len() - 1) as f64 / span_s;
+            Some(Feed {
+                beams: scan.ranges_m.len(),
+                rate_hz: if span_s > 0.0 { rate_hz } else { 0.0 },
+            })
+        }
+    }
+}
+
+/// A stream of messages from one host to another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stream<'s> {
+    /// Who sends.
+    pub from: &'s str,
+    /// Who receives.
+    pub to: &'s str,
+    /// What it is, in words.
+    pub what: String,
+    /// On the wire, bytes a second; of events those of a site where nothing happens.
+    pub bytes_per_s: f64,
+    /// Messages a second.
+    pub rate_hz: f64,
+}
+
+/// A site, and what its lasers send.
+#[derive(Debug)]
+pub struct Costs<'s> {
+    site: &'s Site,
+    /// By the index of the laser.
+    feeds: Vec<Option<Feed>>,
+}
+
+impl<'s> Costs<'s> {
+    /// Looks into scenes and recordings.
+    pub fn of(site: &'s Site, base_dir: &Path) -> Self {
+        Self { site, feeds: site.lasers.iter().map(|laser| feed(laser, base_dir)).collect() }
+    }
+
+    /// Bytes on the wire of a message of so many.
+    fn on_the_wire(&self, bytes: usize) -> f64 {
+        let tls = self.site.hosts.iter().any(|host| host.transport == Transport::Tls);
+        (bytes + ZENOH_BYTES + PACKET_BYTES + if tls { TLS_BYTES } else { 0 }) as f64
+    }
+
+    /// All that crosses. A stream whose laser cannot be looked at is counted with nothing.
+    pub fn streams(&self) -> Vec<Stream<'s>> {
+        let mut streams = self.scans();
+        streams.extend(self.maps());
+        let site = self.site;
+        let pairs = |wanted: fn(&Host) -> bool| {
+            site.hosts.iter().flat_map(move |from| {
+                let others = site.hosts.iter().filter(move |to| to.id != from.id && wanted(to));
+                others.map(move |to| (from, to))
+            })
+        };
+        let head = encoded(&EventPage { host: "host-name".to_owned(), ..EventPage::default() });
+        for (from, to) in pairs(|to| to.desk) {
+            let what = "events, none lost".to_owned();
+            streams.push(self.stream(&from.id, &to.id, what, head + 20, 1.0));
+        }
+        for (from, to) in pairs(|_| true) {
+            let processes = Role::all(site, Some(&from.id)).len() as f64;
+            let health =
+                self.stream(&from.id, &to.id, "health".to_owned(), HEALTH_BYTES, processes);
+            streams.push(health);
+        }
+        streams.extend(self.standby());
+        streams
+    }
+
+    fn stream(
+        &self,
+        from: &'s str,
+        to: &'s str,
+        what: String,
+        bytes: usize,
+        rate_hz: f64,
+    ) -> Stream<'s> {
+        Stream { from, to, what, bytes_per_s: self.on_the_wire(bytes) * rate_hz, rate_hz }
+    }
+
+    fn scans(&self) -> Vec<Stream<'s>> {
+        let mut streams = Vec::new();
+        for (index, laser, area) in self.site.lasers_that_cross() {
+            let from = self.site.host_of_laser(laser).unwrap_or_default();
+            let Feed { beams, rate_hz } =
+                self.feeds[index].unwrap_or(Feed { beams: 0, rate_hz: 0.0 });
+            let bytes = scan_bytes(&laser.id, beams);
+            // Of an area with a standby the scans go to where it runs: its own host, as a rule.
+            let runs_on = area.host.as_deref().unwrap_or_default();
+            let what = format!("scans of laser {}, for area {}", laser.id, area.id);
+            if runs_on != from {
+                streams.push(self.stream(from, runs_on, what, bytes, rate_hz));
+            }
+        }
+        streams
+    }
+
+    fn maps(&self) -> Vec<Stream<'s>> {
+        let mut streams = Vec::new();
+        for to in &self.site.hosts {
+            for area in self.site.areas_followed_by(Some(&to.id)) {
+                let from = area.host.as_deref().unwrap_or_default();
+                let (beams, rate_hz) = self.of_area(area);
+                let head = map_bytes(&to.id, &area.id);
+                let bytes = |a_beam: f64| head + (a_beam * beams as f64) as usize;
+                let frames = format!("frames of area {}", area.id);
+                let frames = self.stream(from, &to.id, frames, bytes(DELTA_BYTES_A_BEAM), rate_hz);
+                let what = format!("class maps of area {}", area.id);
+                let a_beam = CLASS_DELTA_BYTES_A_BEAM;
+                let classes = self.stream(from, &to.id, what, bytes(a_beam), rate_hz);
+                streams.extend([frames, classes]);
+            }
+        }
+        streams
+    }
+
+    /// Claims, twice a second; the copies come with the checkpoints, and are not counted.
+    fn standby(&self) -> Vec<Stream<'s>> {
+        let mut streams: Vec<Stream<'s>> = Vec::new();
+        for area in self.site.areas.iter().filter(|area| area.standby.is_some()) {
+            let (Some(own), Some(standby)) = (area.host.as_deref(), area.standby.as_deref()) else {
+                continue;
+            };
+            for (from, to) in [(own, standby), (standby, own)] {
+                let what = "claims of areas that both may run".to_owned();
+                if !streams.iter().any(|s| (s.from, s.to) == (from, to)) {
+                    streams.push(self.stream(from, to, what, 120, 2.0));
+                }
+            }
+        }
+        streams
+    }
+
+    /// Beams of an area's lasers in all, and frames a second.
+    fn of_area(&self, area: &Area) -> (usize, f64) {
+        let lasers = self.site.lasers.iter().zip(&self.feeds);
+        let feeds = lasers.filter(|(laser, _)| laser.area == area.id).filter_map(|(_, feed)| *feed);
+        let beams = feeds.map(|feed| feed.beams).sum();
+        (beams, 1e9 / area.lattice().period_ns() as f64)
+    }
+
+    /// Bytes a second from one host to another: streams, acknowledgements of what comes back, and what
+    /// keeps the link alive.
+    pub fn link_bytes_per_s(&self, streams: &[Stream<'_>], from: &str, to: &str) -> f64 {
+        let of = |from: &str, to: &str| {
+            let of: Vec<_> = streams.iter().filter(|s| (s.from, s.to) == (from, to)).collect();
+            (
+                of.iter().map(|s| s.bytes_per_s).sum::<f64>(),
+                of.iter().map(|s| s.rate_hz).sum::<f64>(),
+            )
+        };
+        let ((bytes, _), (_, back_hz)) = (of(from, to), of(to, from));
+        let kept_alive = KEEP_ALIVES_HZ * self.on_the_wire(0);
+        bytes + kept_alive + ACKNOWLEDGED * (back_hz + KEEP_ALIVES_HZ) * PACKET_BYTES as f64
+    }
+
+    /// Cores of a host that are busy, while it runs what is placed there; `with_standbys` also with the
+    /// areas that it is the standby of.
+    pub fn cores(&self, streams: &[Stream<'_>], host: Option<&str>, with_standbys: bool) -> f64 {
+        let mut us_per_s = Role::all(self.site, host).len() as f64 * IDLE_PROCESS_US;
+        for (laser, feed) in self.site.lasers.iter().zip(&self.feeds) {
+            let Some(Feed { beams, rate_hz }) = *feed else { continue };
+            let is_simulated = matches!(laser.source, Source::Simulator { .. });
+            if self.site.host_of_laser(laser) == host {
+                let beams_us = if is_simulated { beams as f64 * SIMULATED_BEAM_US } else { 0.0 };
+                us_per_s += rate_hz * (MESSAGE_US + beams_us);
+            }
+        }
+        let runs_here =
+            |area: &&Area| area.host.as_deref() == host || with_standbys && area.may_run_on(host);
+        for area in self.site.areas.iter().filter(runs_here) {
+            let (beams, rate_hz) = self.of_area(area);
+            us_per_s += rate_hz * (AREA_FRAME_US + beams as f64 * AREA_BEAM_US);
+            let lasers = self.site.lasers.iter().zip(&self.feeds);
+            let feeds = lasers.filter(|(laser, _)| laser.area == area.id);
+            us_per_s += feeds.filter_map(|(_, f)| *f).map(|f| f.rate_hz * TAKEN_US).sum::<f64>();
+        }
+        if let Some(host) = host {
+            let of_host = streams.iter().filter(|s| s.from == host || s.to == host);
+            us_per_s += of_host.map(|s| s.rate_hz).sum::<f64>() * CROSSING_US;
+        }
+        us_per_s / 1e6
+    }
+}
+
+// Microseconds of CPU, release build, two shared cores of a virtual machine, 2026-11-26: three hosts with
+// four lasers of 181 beams at 75 Hz (the test `four_lasers_at_75_hz..` prints what every process took).
+
+/// A process that has nothing to do, a second: its health, and what it looks at.
+const IDLE_PROCESS_US: f64 = 400.0;
+/// A scan that is published.
+const MESSAGE_US: f64 = 30.0;
+/// A scan that is taken by fusion.
+const TAKEN_US: f64 = 15.0;
+/// A message to or from another host, at each.
+const CROSSING_US: f64 = 90.0;
+/// A beam of a simulated laser.
+const SIMULATED_BEAM_US: f64 = 0.2;
+/// A frame through fusion, mapper and anomaly.
+const AREA_FRAME_US: f64 = 120.0;
+/// What a beam more costs the frame: W1r takes 34 us a frame for 724 beams, W3r 1622 us for 17 296.
+const AREA_BEAM_US: f64 = 0.15;
+
+fn encoded<M: Encoded>(message: &M) -> usize {
+    encode(message).map_or(0, |bytes| bytes.len())
+}
+
+fn scan_bytes(laser: &str, beams: usize) -> usize {
+    let stamp_ns = 1_800_000_000_000_000_000;
+    let geometry = ScanGeometry {
+        angle_min_rad: 0.0,
+        angle_increment_rad: 0.001,
+        range_min_m: 0.0,
+        range_max_m: 1.0,
+    };
+    let ranges_m = vec![0.0; beams.min(protocol::scan::BEAMS_MAX)];
+    let scan = LaserScan { stamp_ns, device_stamp_ns: stamp_ns, geometry, ranges_m };
+    let (session, seq) = (stamp_ns, 1 << 20);
+    encoded(&CarriedScan { laser: laser.to_owned(), session, seq, scan: Some(scan) })
+}
+
+fn map_bytes(host: &str, area: &str) -> usize {
+    encoded(&CarriedMap {
+        host: host.to_owned(),
+        area: area.to_owned(),
+        content: protocol::carried::MapContent::Frame,
+        session: 1_800_000_000_000_000_000,
+        seq: 1 << 20,
+        number: 1 << 37,
+        period_ns: 13_333_333,
+        lasers_present: 15,
+        context: 0,
+        classes: 6,
+        columns: 400,
+        rows: 400,
+        is_key: false,
+        codes: Vec::new(),
+    })
+}
