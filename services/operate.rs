@@ -24,8 +24,17 @@ pub fn base_dir(site_file: &Path) -> PathBuf {
 }
 
 /// Where a site keeps the journal of a host.
-pub fn journal(site: &Site, host: Option<&str>, site_file: &Path) -> PathBuf {
+fn journal(site: &Site, host: Option<&str>, site_file: &Path) -> PathBuf {
     base_dir(site_file).join(site.state_dir_of(host)).join(alerts::JOURNAL_FILE)
+}
+
+/// Where the journal of the site that runs here is.
+pub fn journal_here(site: &Site, site_file: &Path) -> PathBuf {
+    // Who runs knows for which host it does.
+    Instance::load(&run_dir_of(&site.name, &default_run_root())).map_or_else(
+        |_| journal(site, None, site_file),
+        |instance| instance.state_dir.join(alerts::JOURNAL_FILE),
+    )
 }
 
 /// `tog run`.
@@ -127,11 +136,7 @@ pub fn alerts_watch(arguments: &AlertsWatch) -> ExitCode {
         Err(code) => return code,
     };
     let run_dir = run_dir_of(&site.name, &default_run_root());
-    // Who runs knows for which host it does.
-    let journal = Instance::load(&run_dir).map_or_else(
-        |_| journal(&site, None, &arguments.site),
-        |instance| instance.state_dir.join(alerts::JOURNAL_FILE),
-    );
+    let journal = journal_here(&site, &arguments.site);
     let options = alerts::WatchOptions {
         site: site.name.clone(),
         journal,

@@ -6,8 +6,8 @@ mod hosts;
 mod prometheus;
 mod top;
 
-use crate::operate::write_out;
-use crate::{fail, placement, site_file};
+use crate::operate::{journal_here, write_out};
+use crate::{fail, site_file};
 use cli::{Graph, Status, StatusFormat, Top};
 use process::exit;
 use protocol::site::Site;
@@ -64,11 +64,7 @@ pub fn top(arguments: &Top) -> ExitCode {
         Ok(site) => site,
         Err(error) => return fail(exit::BAD_CONFIG, error),
     };
-    let host = match placement::host_to_ask(&site, None) {
-        Ok(host) => host.map(str::to_owned),
-        Err(reason) => return fail(exit::USAGE, reason),
-    };
-    match top::run(&site, host.as_deref(), &arguments.site) {
+    match top::run(&site, &journal_here(&site, &arguments.site)) {
         Ok(()) => ExitCode::from(exit::OK),
         Err(error) => fail(exit::FAILED, format!("tog top needs a terminal: {error}")),
     }

@@ -1,6 +1,5 @@
 //! `tog top`: a running site in a terminal, as it changes.
 
-use crate::operate;
 use alerts::Journal;
 use protocol::event::EventState;
 use protocol::site::Site;
@@ -12,7 +11,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph, Row, Table};
 use std::collections::BTreeMap;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 use supervisor::{ProcessState, ServiceStatus, StatusReport};
 
@@ -33,10 +32,9 @@ struct Seen {
 ///
 /// # Errors
 /// If there is no terminal.
-pub fn run(site: &Site, host: Option<&str>, site_file: &Path) -> io::Result<()> {
+pub fn run(site: &Site, journal: &Path) -> io::Result<()> {
     let mut terminal = ratatui::try_init()?;
-    let journal = operate::journal(site, host, site_file);
-    let shown = show(&mut terminal, site, &journal);
+    let shown = show(&mut terminal, site, journal);
     ratatui::restore();
     shown
 }
@@ -96,7 +94,7 @@ fn look(
 
 /// The last changes of the journal, newest first.
 fn newest_alerts(journal: &Path) -> Option<Vec<String>> {
-    let journal = Journal::open_read_only(&PathBuf::from(journal)).ok()?;
+    let journal = Journal::open_read_only(journal).ok()?;
     let filter = alerts::Filter { limit: ALERTS, ..alerts::Filter::default() };
     let rows = journal.list(&filter).ok()?;
     let line = |change: &protocol::event::EventChange| {
@@ -121,14 +119,16 @@ fn draw(frame: &mut Frame<'_>, site: &Site, seen: &Seen) {
         Ok(report) => {
             let color = if report.is_healthy() { Color::Green } else { Color::Red };
             let style = Style::new().fg(color).add_modifier(Modifier::BOLD);
-            let words = if report.is_healthy() { "all is well" } else { "something is wrong" };
-            let line = format!("site {}: {words}    q ends", site.name);
+            let line = format!("site {}: {}    (q ends)", site.name, report.headline());
             frame.render_widget(Line::styled(line, style), head);
             frame.render_widget(table(report, &seen.cpu), body);
         }
         Err(error) => {
             let style = Style::new().fg(Color::Red);
-            frame.render_widget(Line::styled(format!("site {}    q ends", site.name), style), head);
+            frame.render_widget(
+                Line::styled(format!("site {}    (q ends)", site.name), style),
+                head,
+            );
             frame.render_widget(Paragraph::new(error.as_str()), body);
         }
     }

@@ -11,6 +11,7 @@
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away |
 //! | `clients` | programs in Python that share no code with us |
 //! | `lan` | three hosts in network namespaces: links that are cut, four lasers at 75 Hz |
+//! | `look` | the ways to look at a running site: the building, Prometheus, a terminal |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
 //! | `standby` | a host that is lost: its area goes on elsewhere |
@@ -33,6 +34,7 @@ mod intruder;
 mod kills;
 mod lan;
 mod life;
+mod look;
 mod recorder;
 mod removed;
 mod standby;

@@ -186,7 +186,8 @@ impl StatusReport {
     }
 
     /// How it is, in half a sentence.
-    pub(crate) fn headline(&self) -> String {
+    #[must_use]
+    pub fn headline(&self) -> String {
         let unwell = self.services.iter().filter(|service| !service.is_well()).count();
         let mut health = match (self.stopping, unwell) {
             (true, _) => return "is stopping".to_owned(),
