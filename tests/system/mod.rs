@@ -14,6 +14,7 @@
 //! | `look` | the ways to look at a running site: the building, Prometheus, a terminal |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
+//! | `overhead` | nothing: what the bridges add to zenoh is measured |
 //! | `standby` | a host that is lost: its area goes on elsewhere |
 //! | `views` | frames and maps of an area at a host that follows it |
 //! | `intruder` | hosts with certificates, and who has none, or the wrong one |
@@ -35,6 +36,7 @@ mod kills;
 mod lan;
 mod life;
 mod look;
+mod overhead;
 mod recorder;
 mod removed;
 mod standby;
