@@ -92,10 +92,11 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
 
     // A bridge alone that is killed moves nothing.
     for _ in 0..3 {
+        let killed = main.pid_of("bridge");
         main.kill("bridge", Signal::KILL);
-        let pid = main.pid_of("bridge");
         main.wait_until("the bridge again", |report| {
-            (runs_here(report) && find(report, "bridge").pid == Some(pid)).then_some(())
+            let is_new = find(report, "bridge").pid.is_some_and(|pid| pid != killed);
+            (runs_here(report) && is_new).then_some(())
         });
     }
     let epoch = |site: &mut Site| {

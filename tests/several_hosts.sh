@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# The figures of several hosts, as a table (Markdown). Builds and runs the tests that measure them; needs
+# root and `ip` for network namespaces, else those lines are missing.
+#
+#   tests/several_hosts.sh            a few minutes: 4 cuts, 5 s of scans
+#   tests/several_hosts.sh nightly    half an hour: 50 cuts of 1, 10 and 60 s, 10 minutes of scans
+set -euo pipefail
+cd "$(dirname "$0")/.."
+[ "${1:-}" = nightly ] && export TOG_NIGHTLY=1
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+# One at a time: each has the machine for itself.
+for suite in lan overhead standby intruder clients two_hosts_say; do
+    echo "== $suite" | tee -a "$log" >&2
+    cargo test --workspace --quiet --test system -- --nocapture --test-threads 1 "$suite" >>"$log" 2>&1 ||
+        { cat "$log" >&2; exit 1; }
+done
+echo "| what | measured |"
+echo "|---|---|"
+row() { # row WHAT PATTERN: the lines of the log that match, without the name of the test before them
+    local found
+    found=$(grep -E "$2" "$log" | sed -E 's/^test [^ ]+ \.\.\. //' | paste -sd ';' | sed 's/;\([^ ]\)/; \1/g')
+    [ -n "$found" ] && echo "| $1 | $found |"
+    return 0
+}
+row "cut links" '^.*[0-9]+ cuts, '
+row "four lasers at 75 Hz" 'scans in [0-9.]+ s, '
+row "bytes a second, measured and planned" 'B/s of [0-9]+ planned'
+row "bridges" '^  bridge: '
+row "a scan to another host" 'a scan of 181 beams'
+row "an area back at its standby" 'back after ms'
+row "an area handed over" 'handed over after'
+row "intruders" 'refused|unauthorised'
+row "one host and two, the same classes" 'frames compared'
