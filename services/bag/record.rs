@@ -78,10 +78,6 @@ pub fn run(arguments: &Record) -> ExitCode {
         Ok(site) => site,
         Err(error) => return fail(exit::BAD_CONFIG, error),
     };
-    if site.has_bridges() {
-        let text = "a site with several hosts cannot be recorded yet: recording works on one host";
-        return fail(exit::FAILED, text);
-    }
     let configured = site.recorder.clone().unwrap_or_default();
     let options = AttachedOptions {
         run_dir: run_dir_of(&site.name, &default_run_root()),

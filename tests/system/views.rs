@@ -140,3 +140,39 @@ fn a_host_that_follows_an_area_has_its_frames_and_maps_although_bridges_are_kill
     });
     edge.stop();
 }
+
+#[test]
+fn a_desk_records_what_is_there_and_that_is_replayed() {
+    let toml = two_hosts().replace("desk = true\n", "desk = true\nfollows = [\"hall\"]\n")
+        + "[recorder]\ndir = \"rec\"\nclasses_period_s = 0.1\n";
+    let mut edge = start(&toml, "edge", &[]);
+    let mut desk = start(&toml, "desk", &[]);
+    desk.wait_until("something recorded", |report| {
+        let recorder = find(report, "recorder");
+        let maps_in = count(find(report, "bridge"), "maps_in");
+        (count(recorder, "messages_written") > 200 && maps_in > 50).then_some(())
+    });
+    let report = edge.status().unwrap();
+    assert!(report.services.iter().all(|service| service.name != "recorder"), "one records");
+    desk.stop();
+    edge.stop();
+    let sessions: Vec<_> = std::fs::read_dir(desk.dir.join("rec")).unwrap().collect();
+    assert_eq!(sessions.len(), 1, "{sessions:?}");
+    let bag = sessions[0].as_ref().unwrap().path();
+    let run = |arguments: &[&std::path::Path]| {
+        let output = harness::tog(&desk.run_root(), arguments).output().unwrap();
+        let words = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{words}");
+        words
+    };
+    let words = run(&["bag".as_ref(), "info".as_ref(), &bag]);
+    assert!(words.contains("/laser_north/scan"), "it comes here: {words}");
+    assert!(
+        words.contains("/area_hall/classes") && words.contains("/area_room/classes"),
+        "{words}"
+    );
+    assert!(!words.contains("/laser_south"), "its scans stay on edge: {words}");
+    let out = desk.dir.join("out");
+    run(&["replay".as_ref(), &bag, "--out".as_ref(), &out]);
+    assert!(out.join("room").join("classes.npy").is_file() || out.join("classes.npy").is_file());
+}

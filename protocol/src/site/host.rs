@@ -111,7 +111,35 @@ impl Site {
         self.hosts.clear();
         self.areas.iter_mut().for_each(|area| (area.host, area.standby) = (None, None));
         self.lasers.iter_mut().for_each(|laser| laser.host = None);
+        self.recorder.iter_mut().for_each(|recorder| recorder.host = None);
         self
+    }
+
+    /// True if `host` has the recorder of this site.
+    #[must_use]
+    pub fn records_on(&self, host: Option<&str>) -> bool {
+        let Some(recorder) = &self.recorder else { return false };
+        let desk = || self.hosts.iter().find(|host| host.desk).or(self.hosts.first());
+        let chosen = recorder.host.as_deref().or_else(|| desk().map(|host| host.id.as_str()));
+        chosen == host
+    }
+
+    /// What of the site is to be heard on `host`, as a site of its own without hosts: the areas that it
+    /// may run or follows, and the lasers whose scans are there. All of a site without hosts.
+    #[must_use]
+    pub fn part_on(&self, host: Option<&str>) -> Self {
+        let follows = host.and_then(|id| self.host(id)).map_or(&[][..], |host| &host.follows);
+        let is_heard = |laser: &Laser| {
+            let of = |area: &&Area| area.id == laser.area && area.may_run_on(host);
+            self.host_of_laser(laser) == host || self.areas.iter().any(|area| of(&area))
+        };
+        let mut part = self.clone();
+        part.lasers.retain(is_heard);
+        let has_laser = |area: &Area| part.lasers.iter().any(|laser| laser.area == area.id);
+        let areas = part.areas.iter();
+        let is_there = |a: &&Area| a.may_run_on(host) || follows.contains(&a.id) || has_laser(a);
+        part.areas = areas.filter(is_there).cloned().collect();
+        part.on_one_host()
     }
 
     /// The host that runs an area, while it is there; none if the site has no hosts.

@@ -12,6 +12,11 @@ const SPLIT_MB_MAX: f64 = 100_000.0;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Recorder {
+    /// Which host records what is there: scans and maps of the areas that it runs or follows, scans of its
+    /// own lasers, and the events that reach it. The first desk, or the first host, unless set.
+    #[schemars(regex(pattern = super::ID_PATTERN))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub host: Option<String>,
     /// Directory of the recordings; one of each run of the recorder is made in it. Relative to the
     /// site file.
     #[schemars(length(min = 1, max = 1024))]
@@ -42,6 +47,7 @@ pub struct Recorder {
 impl Default for Recorder {
     fn default() -> Self {
         Self {
+            host: None,
             dir: "recordings".to_owned(),
             topics: vec![RecordedTopics::Scans, RecordedTopics::Maps, RecordedTopics::Events],
             split_mb: 512.0,

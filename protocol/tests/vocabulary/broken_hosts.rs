@@ -271,18 +271,48 @@ lab.toml: 1 warning
 }
 
 #[test]
-fn what_works_on_one_host_only_is_refused_on_several() {
+fn the_host_that_records_and_what_a_host_follows_are_of_this_file() {
     drawn(
         "[[area]]\n",
-        "[recorder]\n\n[[area]]\n",
+        "[recorder]\nhost = \"dest\"\n\n[[area]]\n",
         r#"
-error: a site with several hosts cannot record yet
-  --> lab.toml:14:1
+error: `recorder.host` is "dest", expected the id of a host of this file
+  --> lab.toml:15:8
    |
-14 | [recorder]
-   | ^^^^^^^^^^ expected no `[recorder]`
+15 | host = "dest"
+   |        ^^^^^^ expected the id of a host of this file
    |
-   = help: remove `[recorder]`: recording works on a site of one host
+   = help: did you mean "desk"?
+
+lab.toml: 1 error
+"#,
+    );
+    drawn(
+        "desk = true\n",
+        "desk = true\nfollows = [\"hal\"]\n",
+        r#"
+error: `host[1].follows[0]` is "hal", expected the id of an area of this file
+  --> lab.toml:13:12
+   |
+13 | follows = ["hal"]
+   |            ^^^^^ expected the id of an area of this file
+   |
+   = help: areas of this file: `foyer`
+
+lab.toml: 1 error
+"#,
+    );
+    drawn(
+        "desk = true\n",
+        "desk = true\nfollows = [\"foyer\"]\n",
+        r#"
+error: area foyer may run on desk itself: its maps are there
+  --> lab.toml:13:12
+   |
+13 | follows = ["foyer"]
+   |            ^^^^^^^ expected an area of another host
+   |
+   = help: remove it from `follows`
 
 lab.toml: 1 error
 "#,

@@ -145,12 +145,13 @@ impl Plan {
         let mut topics = Vec::new();
         // A bridge publishes the scans and events of other hosts, and reads scans and health here.
         let bridge = usize::from(site.has_bridges());
-        topics.extend(crossing_scans(site, host));
         // The recorder reads beside those for whom the messages are, and whoever is attached later.
         let recorder = |topics| {
-            usize::from(site.recorder.as_ref().is_some_and(|recorder| recorder.records(topics)))
+            let wanted = site.recorder.as_ref().is_some_and(|recorder| recorder.records(topics));
+            usize::from(wanted && site.records_on(host))
         };
         let (scans, maps) = (recorder(RecordedTopics::Scans), recorder(RecordedTopics::Maps));
+        topics.extend(crossing_scans(site, host, scans));
         for area in site.areas_on(host) {
             let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
             // Of an area that may have to run elsewhere the bridge reads the scans, too.
@@ -233,12 +234,14 @@ fn followed_maps(area: &Area, recorders: usize) -> [TopicPlan; 3] {
     ]
 }
 
-/// Scans of lasers that run here for an area of another host: only the bridge reads them.
-fn crossing_scans(site: &Site, host: Option<&str>) -> Vec<TopicPlan> {
+/// Scans of lasers that run here for an area of another host: the bridge reads them, and a recorder.
+fn crossing_scans(site: &Site, host: Option<&str>, recorders: usize) -> Vec<TopicPlan> {
     let elsewhere = site.areas.iter().filter(|area| !area.may_run_on(host));
     let plan = |area: &Area| {
         let lasers = site.lasers_on(host).filter(|laser| laser.area == area.id).count();
-        let topic = || TopicPlan::new(&topic::scan(&area.id), lasers, 1).buffered(SCAN_BUFFER, 0);
+        let readers = 1 + recorders;
+        let topic =
+            || TopicPlan::new(&topic::scan(&area.id), lasers, readers).buffered(SCAN_BUFFER, 0);
         (lasers > 0).then(topic)
     };
     elsewhere.filter_map(plan).collect()

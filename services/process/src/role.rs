@@ -106,7 +106,7 @@ impl Role {
     pub fn all(site: &Site, host: Option<&str>) -> Vec<Self> {
         let mut roles = vec![Self::Alerts];
         roles.extend(site.has_bridges().then_some(Self::Bridge));
-        roles.extend(site.recorder.is_some().then_some(Self::Recorder));
+        roles.extend(site.records_on(host).then_some(Self::Recorder));
         for area in site.areas_on(host) {
             roles.push(Self::Anomaly { area: area.id.clone() });
             roles.push(Self::Mapper { area: area.id.clone() });

@@ -8,7 +8,7 @@
 
 use crate::catalogue::Catalogue;
 use process::Clock;
-use protocol::site::Site;
+use protocol::site::{Area, Site};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -41,7 +41,11 @@ pub fn attachments(site: &Site, catalogue: &Catalogue) -> Vec<Attachment> {
         media_type: "application/json",
         text: format!("{:#}\n", calibration(site, catalogue)),
     };
-    let site = site_text(site).map(|text| Attachment {
+    // What can be replayed: of a followed area only the maps are here, not its lasers.
+    let mut replayable = site.clone();
+    let has_laser = |area: &Area| site.lasers.iter().any(|laser| laser.area == area.id);
+    replayable.areas.retain(has_laser);
+    let site = site_text(&replayable).map(|text| Attachment {
         name: SITE_FILE,
         media_type: "application/toml",
         text,

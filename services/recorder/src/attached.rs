@@ -99,11 +99,12 @@ pub fn record_attached(
     }
     let instance = Instance::load(&options.run_dir)?;
     let (site, settings) = (instance.site()?, &options.settings);
+    let host = instance.host.as_deref();
     let events = EventLoop::new()?;
     let bus = Bus::open(&instance, &events)?;
-    let head = head(&site, settings, &instance.clock, "tog bag record", wall_ns());
+    let head = head(&site.part_on(host), settings, &instance.clock, "tog bag record", wall_ns());
     let tape = Tape::new(options.out.clone(), head, limits(settings), Shelf::start(None)?);
-    let mut recorder = Recorder::open(&bus, &site, settings, instance.clock, false, tape)?;
+    let mut recorder = Recorder::open(&bus, (&site, host), settings, instance.clock, false, tape)?;
     let begin = monotonic_ns();
     let end = options.seconds.map(|seconds| begin + (seconds * SECOND_NS as f64) as u64);
     let report = |recorder: &Recorder| Progress {

@@ -60,6 +60,8 @@ struct MapSlot {
 /// A recorder with its ports.
 pub struct Recorder {
     site: Site,
+    /// By the index of a laser in the whole site: its index in the part that is recorded.
+    recorded: Vec<Option<usize>>,
     catalogue: Catalogue,
     clock: Clock,
     maps_period_ns: u64,
@@ -77,19 +79,24 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Opens what is recorded. `is_awaited`: a lossless replay waits for this recorder too.
+    /// Opens what is recorded: of the `whole` site the part that is to be heard on `host`. `is_awaited`: a
+    /// lossless replay waits for this recorder too.
     ///
     /// # Errors
     /// If shared memory cannot be opened.
     pub fn open(
         bus: &Bus,
-        site: &Site,
+        (whole, host): (&Site, Option<&str>),
         settings: &Settings,
         clock: Clock,
         is_awaited: bool,
         tape: Tape,
     ) -> Result<Self, BusError> {
-        let catalogue = Catalogue::new(site, &settings.topics);
+        let site = whole.part_on(host);
+        let recorded = whole.lasers.iter();
+        let recorded = recorded.map(|of| site.lasers.iter().position(|laser| laser.id == of.id));
+        let recorded = recorded.collect();
+        let catalogue = Catalogue::new(&site, &settings.topics);
         let mut scans = Vec::new();
         let lane = |(scan_topic, share_topic)| Lane {
             scan_topic,
@@ -99,7 +106,8 @@ impl Recorder {
         };
         let lanes: Vec<_> = catalogue.lasers.iter().map(|topics| topics.scans.map(lane)).collect();
         if lanes.iter().any(Option::is_some) {
-            for area in &site.areas {
+            let has_laser = |id: &str| site.lasers.iter().any(|laser| laser.area == id);
+            for area in site.areas.iter().filter(|area| has_laser(&area.id)) {
                 let topic = topic::scan(&area.id);
                 scans.push(if is_awaited {
                     bus.subscriber_with_credit_as(&topic, READER)?
@@ -109,7 +117,14 @@ impl Recorder {
             }
         }
         let mut areas = Vec::new();
+        let has_maps = |id: &str| {
+            let mut here = whole.areas_on(host).chain(whole.areas_followed_by(host));
+            here.any(|area| area.id == id)
+        };
         for (area, topics) in site.areas.iter().zip(&catalogue.areas) {
+            if !has_maps(&area.id) {
+                continue; // its lasers are here, its maps are not
+            }
             let (cells, classes) = (area.grid().cells(), area.class_names().len());
             areas.push(AreaPorts {
                 maps: topics.contexts.iter().map(|_| MapSlot::default()).collect(),
@@ -123,7 +138,8 @@ impl Recorder {
         }
         let events = catalogue.events.is_some();
         Ok(Self {
-            site: site.clone(),
+            site,
+            recorded,
             clock,
             maps_period_ns: (settings.maps_period_s * SECOND_NS as f64) as u64,
             classes_period_ns: (settings.classes_period_s * SECOND_NS as f64) as u64,
@@ -218,8 +234,10 @@ impl Recorder {
             while let Some(scan) = self.scans[area].receive()? {
                 self.counts.messages_in += 1;
                 let (header, receipt) = (*scan.header(), scan.receipt());
-                let laser = receipt.source as usize;
-                if let Some(Some(lane)) = self.lanes.get_mut(laser) {
+                let laser = self.recorded.get(receipt.source as usize).copied().flatten();
+                if let Some(laser) = laser
+                    && let Some(Some(lane)) = self.lanes.get_mut(laser)
+                {
                     if scan.is_end_of_stream() {
                         lane.ended = true;
                     } else {

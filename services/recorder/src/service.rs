@@ -25,13 +25,16 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let settings =
         settings.ok_or_else(|| Failure::Config("the site file has no [recorder]".to_owned()))?;
     let dir = worker.instance.resolve(&settings.dir);
+    let host = worker.instance.host.as_deref();
     let now_ns = wall_ns();
     let name = session_name(&worker.site.name, now_ns);
     let shelf = Shelf::start(Some(scope(&worker.site, &settings, &dir)))?;
-    let head = head(&worker.site, &settings, &worker.instance.clock, "service", now_ns);
+    let head =
+        head(&worker.site.part_on(host), &settings, &worker.instance.clock, "service", now_ns);
     let tape = Tape::new(dir.join(name), head, limits(&settings), shelf);
     let clock = worker.instance.clock;
-    let mut recorder = Recorder::open(&worker.bus, &worker.site, &settings, clock, true, tape)?;
+    let mut recorder =
+        Recorder::open(&worker.bus, (&worker.site, host), &settings, clock, true, tape)?;
     tracing::info!("records into {}", recorder.tape().directory().display());
     loop {
         while recorder.take()? {}

@@ -25,6 +25,9 @@ pub(super) fn check(
     for place in areas.iter().chain(lasers) {
         known(place, "host", &ids, findings);
     }
+    if let Some(recorder) = root.get("recorder") {
+        known(&recorder, "host", &ids, findings);
+    }
     for area in areas {
         known(area, "standby", &ids, findings);
         another_standby(area, findings);
@@ -45,7 +48,7 @@ pub(super) fn check(
     }
     one_transport(&hosts, findings);
     if hosts.len() > 1 {
-        not_with_several(root, &hosts, lasers, findings);
+        not_with_several(&hosts, lasers, findings);
     }
 }
 
@@ -123,12 +126,7 @@ fn another_standby(area: &Node<'_>, findings: &mut Vec<Finding>) {
 }
 
 /// What works on one host only, so far.
-fn not_with_several(
-    root: &Node<'_>,
-    hosts: &[Node<'_>],
-    lasers: &[Node<'_>],
-    findings: &mut Vec<Finding>,
-) {
+fn not_with_several(hosts: &[Node<'_>], lasers: &[Node<'_>], findings: &mut Vec<Finding>) {
     let lossless = lasers.iter().find_map(|laser| {
         laser.get("source")?.text("pace").filter(|(pace, _)| *pace == "lossless")
     });
@@ -137,13 +135,6 @@ fn not_with_several(
         findings.push(
             Finding::error(&node, quoted(pace), expected)
                 .help("lossless is as fast as the slowest reader, on one host: remove `[[host]]`"),
-        );
-    }
-    if let Some(recorder) = root.get("recorder") {
-        findings.push(
-            Finding::error(&recorder, "a recorder on several hosts", "no `[recorder]`")
-                .message("a site with several hosts cannot record yet")
-                .help("remove `[recorder]`: recording works on a site of one host"),
         );
     }
     let desk = |host: &Node<'_>| {
