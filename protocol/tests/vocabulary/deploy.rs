@@ -69,7 +69,9 @@ fn a_simulated_site_has_the_geometry_of_its_scene() {
             };
             assert_eq!(area.grid(), grid, "{}", file.display());
             let same_id = |other: &&toml::Value| other["id"].as_str() == Some(&laser.id);
-            let placed = scene["laser"].as_array().unwrap().iter().find(same_id).unwrap();
+            // A laser that the scene does not know hangs where the site file says.
+            let mut lasers = scene["laser"].as_array().unwrap().iter();
+            let Some(placed) = lasers.find(same_id) else { continue };
             let number = |key: &str| placed[key].as_float().unwrap();
             let pose = [laser.x_m, laser.y_m, laser.yaw_deg];
             assert_eq!(pose, ["x_m", "y_m", "yaw_deg"].map(number), "{}", laser.id);
