@@ -262,9 +262,11 @@ fn a_host_must_be_said_and_be_known() {
     for part in [
         "host edge, 127.0.0.1:",
         ", a desk: `tog run --host desk` would start 5 processes",
-        "edge -> desk: scans of laser north, for area room",
-        "edge -> desk: events, none lost",
-        "desk -> edge: health",
+        "  edge -> desk: ",
+        "  scans of laser north, for area room\n",
+        "  events, none lost\n",
+        "  desk -> edge: ",
+        "  health\n",
     ] {
         assert!(plan.contains(part), "{part}\n{plan}");
     }
