@@ -6,12 +6,14 @@ use alerts::{JOURNAL_FILE, Journal};
 use harness::{Random, Setup, Site, WATCHDOG, count, find, is_nightly, tog};
 use process::{Bus, EventLoop, Instance};
 use protocol::event::{EventChange, EventKind, EventState};
+use protocol::link::CarriedScan;
 use protocol::topic;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
 use std::fs;
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
+use zenoh::Wait;
 
 /// Two endpoints that nobody listens on.
 fn hosts() -> String {
@@ -239,6 +241,37 @@ fn two_hosts_say_the_same_classes_as_one_on_the_same_scans() {
     let (code, log) = desk.wait_end();
     assert_eq!(code, Some(0), "{log}");
     assert!(log.contains("the recording is over"), "{log}");
+    edge.stop();
+}
+
+/// Nothing that names somebody else than its key does is taken; and a bridge that hears such things
+/// opens its session anew.
+#[test]
+fn what_comes_under_the_key_of_somebody_else_is_left_out_and_the_bridge_begins_anew() {
+    let toml = two_hosts();
+    let file = protocol::site::Site::parse(&toml, "t").unwrap_or_else(|e| panic!("{e}"));
+    let mut edge = start(&toml, "edge", &[]);
+    let mut desk = start(&toml, "desk", &[]);
+    desk.wait_until_frames_flow(5);
+    let killed = desk.pid_of("bridge");
+    let config = serde_json::json!({
+        "mode": "client",
+        "connect": { "endpoints": [format!("tcp/{}", file.hosts[1].endpoint)] },
+        "scouting": { "multicast": { "enabled": false } },
+    });
+    let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
+    let session = zenoh::open(config).wait().unwrap();
+    let scan = CarriedScan { laser: "south".to_owned(), ..CarriedScan::default() };
+    for _ in 0..3 {
+        let key = topic::scan_key("t", "edge", "north");
+        session.put(key, protocol::codec::encode(&scan).unwrap()).wait().unwrap();
+    }
+    desk.log().wait_for("the network delivers what one host says as if another had said it");
+    desk.wait_until("another bridge", |report| {
+        find(report, "bridge").pid.is_some_and(|pid| pid != killed).then_some(())
+    });
+    desk.wait_until_frames_flow(5);
+    desk.stop();
     edge.stop();
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Asker, Link, receive};
 use crate::inbox::Inbox;
+use protocol::carried::COUNTS_PAGE_MAX;
 use protocol::codec::{BODY_BYTES_MAX, ENVELOPE_BYTES};
 use protocol::site::{Host, Site};
 use protocol::topic;
@@ -24,6 +25,16 @@ pub enum View {
 impl View {
     /// All of them, in the order of their indices.
     pub const ALL: [Self; 3] = [Self::Frame, Self::Classes, Self::Collapsed];
+
+    /// Longest message of an area of `cells` cells: varints of 5 bytes, runs of 5 + 10, and room for the
+    /// rest.
+    fn bytes_max(self, cells: usize) -> usize {
+        let content = match self {
+            Self::Frame | Self::Classes => 5 * cells,
+            Self::Collapsed => 15 * COUNTS_PAGE_MAX,
+        };
+        (content + 256).min(BODY_BYTES_MAX) + ENVELOPE_BYTES
+    }
 
     fn key(self, site: &str, host: &str, area: &str) -> String {
         match self {
@@ -68,7 +79,7 @@ impl Views {
             for (index, host) in site.hosts.iter().enumerate().filter(|host| told_by(&host)) {
                 for view in View::ALL {
                     let key = view.key(&site.name, &host.id, &area.id);
-                    let bytes_max = BODY_BYTES_MAX + ENVELOPE_BYTES;
+                    let bytes_max = view.bytes_max(area.grid().cells());
                     receive(session, key, bytes_max, inbox, move |inbox, bytes| {
                         inbox.view((stream, view), index, bytes);
                     })?;
