@@ -63,7 +63,8 @@ fn flows(before: &StatusReport, after: &StatusReport) -> Vec<Check> {
         let count = |service: &ServiceStatus| service.counters.get(counter).copied();
         let then = earlier.get(service.name.as_str()).and_then(|earlier| count(earlier));
         let rose = count(service).unwrap_or(0).saturating_sub(then.unwrap_or(0));
-        let per_s = rose as f64 / APART.as_secs_f64();
+        let per_s =
+            rose as f64 / apart_s(before, earlier.get(service.name.as_str()), after, service);
         let what = counter.replace('_', " ");
         Some(if rose > 0 {
             Check::ok(&service.name, format!("about {per_s:.0} {what} a second"))
@@ -73,6 +74,21 @@ fn flows(before: &StatusReport, after: &StatusReport) -> Vec<Check> {
         })
     };
     after.services.iter().filter_map(check).collect()
+}
+
+/// Time between the two healths that the counts are of, seconds.
+fn apart_s(
+    before: &StatusReport,
+    earlier: Option<&&ServiceStatus>,
+    after: &StatusReport,
+    service: &ServiceStatus,
+) -> f64 {
+    let told_s = |report: &StatusReport, service: &ServiceStatus| {
+        Some(report.stamp_ns as f64 / 1e9 - service.health_age_s?)
+    };
+    let then_s = earlier.and_then(|earlier| told_s(before, earlier));
+    let apart_s = told_s(after, service).zip(then_s).map(|(now_s, then_s)| now_s - then_s);
+    apart_s.filter(|apart_s| *apart_s > 0.1).unwrap_or(APART.as_secs_f64())
 }
 
 /// What the bridge knows of each other host.

@@ -140,6 +140,12 @@ fn whoever_has_no_right_to_changes_nothing_and_is_counted_and_told() {
         (count(find(report, "anomaly room"), "class_maps_in") > 5).then_some(())
     });
     assert_eq!(alarm(&desk.status().unwrap()), None, "between friends");
+    // Whoever looks whether somebody is there is counted, and calls nobody.
+    for _ in 0..3 {
+        drop(TcpStream::connect(("127.0.0.1", building.ports[1])).unwrap());
+    }
+    wait_for_count(&mut desk, "connections_without_a_word", 3);
+    assert_eq!(alarm(&desk.status().unwrap()), None, "nobody said a word");
     let told = Desk::open_while_degraded(&edge); // `yard` is not there, and everybody says so
     let raised = told.hold_laser_until_told(&mut edge, 0);
 

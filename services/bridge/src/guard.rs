@@ -38,15 +38,22 @@ pub struct Totals {
     pub connections: u64,
     /// The last of both, in words.
     pub last: String,
+    /// Connections that ended before a word was said: whoever looks whether somebody is there (`tog
+    /// doctor`), and friends whose link was cut meanwhile. No reason to call anybody.
+    pub wordless: u64,
 }
 
 impl Totals {
-    const NONE: Self = Self { messages: 0, connections: 0, last: String::new() };
+    const NONE: Self = Self { messages: 0, connections: 0, last: String::new(), wordless: 0 };
 
     fn take(&mut self, knock: Knock) {
         let (count, words) = match knock {
             Knock::Message(words) => (&mut self.messages, words),
             Knock::Connection(words) => (&mut self.connections, words),
+            Knock::Wordless => {
+                self.wordless += 1;
+                return;
+            }
         };
         *count += 1;
         self.last = words.chars().filter(|c| !c.is_control()).take(WORDS_MAX).collect();
@@ -57,6 +64,7 @@ impl Totals {
 enum Knock {
     Message(String),
     Connection(String),
+    Wordless,
 }
 
 /// Makes this process hear what zenoh refuses. Call it before logging starts.
@@ -107,7 +115,9 @@ fn denied(text: &str, looked_up: &Cell<u8>) -> Option<Knock> {
 /// A line of the listener: a connection that was refused, or is of somebody the site does not have.
 fn refused(text: &str, known: &[String]) -> Option<Knock> {
     if let Some((reason, _)) = text.split_once(". Hint: increase the system open file limit") {
-        return Some(Knock::Connection(format!("no good certificate ({reason})")));
+        let is_wordless = reason.contains("handshake eof");
+        let refused = || Knock::Connection(format!("no good certificate ({reason})"));
+        return Some(if is_wordless { Knock::Wordless } else { refused() });
     }
     if text.starts_with("Error getting client cert") {
         return Some(Knock::Connection(text.to_owned()));
@@ -132,7 +142,8 @@ pub struct Alarm {
 impl Alarm {
     /// The fault, given the totals at this time (CLOCK_MONOTONIC, nanoseconds).
     pub fn fault(&mut self, totals: &Totals, mono_ns: u64) -> Option<String> {
-        if *totals != self.told {
+        let counts = |totals: &Totals| (totals.messages, totals.connections);
+        if counts(totals) != counts(&self.told) {
             if self.last_ns.is_none() {
                 self.since = std::mem::take(&mut self.told);
             }
@@ -161,7 +172,7 @@ mod tests {
     fn message(text: &str, looked_up: &Cell<u8>) -> Option<String> {
         match denied(text, looked_up)? {
             Knock::Message(words) => Some(words),
-            Knock::Connection(words) => panic!("{words}"),
+            other => panic!("{other:?}"),
         }
     }
 
@@ -188,8 +199,10 @@ mod tests {
         let known = ["edge.lab".to_owned()];
         let words = |text: &str| match refused(text, &known)? {
             Knock::Connection(words) => Some(words),
-            Knock::Message(words) => panic!("{words}"),
+            other => panic!("{other:?}"),
         };
+        let eof = "tls handshake eof. Hint: increase the system open file limit.";
+        assert_eq!(refused(eof, &known), Some(Knock::Wordless));
         let text = "peer sent no certificates. Hint: increase the system open file limit.";
         assert_eq!(words(text).unwrap(), "no good certificate (peer sent no certificates)");
         let accepted = |name: &str| {

@@ -92,10 +92,16 @@ impl RemoteHost {
         self.heard_ns.map(|heard_ns| mono_ns.saturating_sub(heard_ns) as f64 / 1e9)
     }
 
-    /// How many processes it has, and of how many something was heard lately.
+    /// How many processes it has, those of areas that run elsewhere excepted; and of how many something
+    /// was heard lately.
     #[must_use]
     pub fn services(&self, mono_ns: u64) -> (usize, usize) {
-        (self.names.len(), self.services.keys().filter(|name| self.hears(name, mono_ns)).count())
+        let runs_elsewhere = |name: &str| {
+            let of_area = name.split_once(' ').filter(|(role, _)| *role != "laser");
+            of_area.is_some_and(|(_, area)| !self.services.contains_key(&format!("fusion {area}")))
+        };
+        let all = self.names.iter().filter(|name| !runs_elsewhere(name));
+        (all.count(), self.services.keys().filter(|name| self.hears(name, mono_ns)).count())
     }
 
     /// True if the process told lately how it is.
@@ -186,6 +192,20 @@ mod tests {
         assert!(text.ends_with("...") && text.len() < 200, "{text}");
         let text = edge.unwell(100 + SILENT_NS).unwrap();
         assert!(text.contains("bridge says nothing for 15 s"), "{text}");
+    }
+
+    #[test]
+    fn processes_of_an_area_are_expected_where_it_runs() {
+        let names = ["bridge", "laser north", "fusion hall", "mapper hall"].map(str::to_owned);
+        let mut edge = RemoteHost::new("edge", BTreeSet::from(names), 0);
+        assert_eq!(edge.services(1), (2, 0), "the area may be elsewhere");
+        for name in ["bridge", "fusion hall", "mapper hall"] {
+            edge.health(health(name, ServiceState::Running), 1);
+        }
+        assert_eq!(edge.services(2), (4, 3));
+        assert_eq!(edge.services(1 + LOST_NS), (4, 0));
+        edge.left("hall");
+        assert_eq!(edge.services(2), (2, 1));
     }
 
     #[test]

@@ -62,6 +62,7 @@ impl Bridge {
         let (health, totals) = (&mut worker.health, guard::totals());
         health.set_count("messages_refused_unauthorised", totals.messages);
         health.set_count("connections_refused_unauthorised", totals.connections);
+        health.set_count("connections_without_a_word", totals.wordless);
         health.set_fault("unauthorised", self.alarm.fault(&totals, now_ns));
         let now_s = (wall_ns() / SECOND_NS) as i64;
         health.set_fault("certificate_expires", certificate.expires_soon(now_s));
