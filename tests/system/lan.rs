@@ -3,7 +3,10 @@
 
 use super::bridge::{journal_of, of};
 use super::feed::{Desk, assert_whole};
-use harness::{Lan, Random, Setup, Site, WATCHDOG, count, cpu_s, find, is_nightly, resident_kb};
+use certificates::Identity;
+use harness::{
+    Lan, Random, Scratch, Setup, Site, WATCHDOG, count, cpu_s, find, is_nightly, resident_kb,
+};
 use process::{Bus, EventLoop, Instance, Subscriber};
 use protocol::scan::ScanHeader;
 use protocol::topic;
@@ -19,11 +22,12 @@ struct Building {
     west: Site,
     desk: Site,
     lan: Lan,
+    _scratch: Scratch,
 }
 
 /// `room` runs on the desk, its four lasers at 75 Hz on `east` and `west`; `hall` on `east`, with a
 /// laser of its own, so that there is something to tell.
-fn building() -> Option<Building> {
+fn building(transport: &str) -> Option<Building> {
     let lan = match Lan::new(&HOSTS) {
         Ok(lan) => lan,
         Err(reason) => {
@@ -31,15 +35,24 @@ fn building() -> Option<Building> {
             return None;
         }
     };
-    let mut toml = "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned();
+    let scratch = Scratch::new();
+    let (ca, tls) = (scratch.0.join("ca"), scratch.0.join("tls"));
+    let now_s = (process::wall_ns() / 1_000_000_000) as i64;
+    certificates::init(&ca, "t", now_s, 100).unwrap();
+    let mut toml = format!(
+        "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\ntls_dir = \"{}\"\n\n",
+        tls.display()
+    );
     for host in HOSTS {
         let (address, desk) = (lan.address(host), host == "desk");
         let follows = if host == "west" { "follows = [\"room\"]\n" } else { "" };
         let _ = write!(
             toml,
             "[[host]]\nid = \"{host}\"\nendpoint = \"{address}:7447\"\n\
-             transport = \"plain-tcp\"\ndesk = {desk}\n{follows}\n"
+             transport = \"{transport}\"\ndesk = {desk}\n{follows}\n"
         );
+        let identity = Identity::new("t", host, &format!("{address}:7447"));
+        certificates::issue(&ca, &tls, &identity, now_s, 100).unwrap();
     }
     for (area, host) in [("room", "desk"), ("hall", "east")] {
         let _ = write!(
@@ -68,7 +81,7 @@ fn building() -> Option<Building> {
         Setup::new(&toml).arguments(["--host", host]).namespace(&lan.namespace(host)).start()
     };
     let (east, west, desk) = (start("east"), start("west"), start("desk"));
-    Some(Building { east, west, desk, lan })
+    Some(Building { east, west, desk, lan, _scratch: scratch })
 }
 
 /// Somebody at the desk who waits for the scans of `east`.
@@ -150,7 +163,7 @@ impl Building {
 
 #[test]
 fn links_that_are_cut_lose_no_event_and_come_back() {
-    let Some(mut building) = building() else { return };
+    let Some(mut building) = building("tls") else { return };
     let mut random = Random::from_environment();
     building.desk.wait_until_frames_flow(5);
     building.east.wait_until_frames_flow(5);
@@ -184,6 +197,14 @@ fn links_that_are_cut_lose_no_event_and_come_back() {
     let changes = building.assert_the_desk_has_all();
     assert!(changes >= 2 * cuts_s.len());
     let after_kb = pids.map(resident_kb);
+    for site in [&mut building.east, &mut building.west, &mut building.desk] {
+        let report = site.status().unwrap();
+        let bridge = find(&report, "bridge");
+        for never in ["messages_refused_unauthorised", "connections_refused_unauthorised"] {
+            assert_eq!(count(bridge, never), 0, "between friends: {}", report.table());
+        }
+        assert_eq!(count(bridge, "messages_refused_misrouted"), 0, "{}", report.table());
+    }
     back_ms.sort_unstable();
     println!(
         "{} cuts, {changes} changes, all at the desk once and in order; the next scan after ms: median \
@@ -200,7 +221,7 @@ fn links_that_are_cut_lose_no_event_and_come_back() {
 
 #[test]
 fn four_lasers_at_75_hz_reach_the_host_of_their_area() {
-    let Some(mut building) = building() else { return };
+    let Some(mut building) = building("plain-tcp") else { return };
     building.desk.wait_until_frames_flow(5);
     let plan = building.desk.tog(&["check"], &["--format", "json"]);
     let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).unwrap();
