@@ -2,18 +2,20 @@
 """Events and class maps of a site on other machines, with the package eclipse-zenoh and nothing of tog.
 
     pip install eclipse-zenoh==1.10.2
-    python3 listen.py SITE tcp/10.20.0.1:7447 tcp/10.20.0.10:7447
+    python3 listen.py SITE ground@tcp/10.20.0.10:7447=lobby,store upper@tcp/10.20.0.20:7447=office
 
-SITE is the `name` of the site file, and the endpoints those of the hosts that are to be heard. Prints a
-line of JSON for every event and every class map. With transport = "tls" use the certificate of a host
-(--tls DIR HOST, see `tog certs`): hosts may listen to each other.
+SITE is the `name` of the site file; then the hosts that are to be heard, each with its endpoint and the
+areas whose class maps are wanted. Prints a line of JSON for every event and every class map. With
+transport = "tls" the endpoints begin with tls/, and this program needs the certificate of another host:
+--tls /etc/tog/tls desk (see `tog certs`). Each host has a session of its own, and keys have no wildcards:
+access is granted key by key, and who asks for more is told of as an intruder.
 
 Layout: 8 bytes of envelope (`TG`, kind, version, length), then postcard: integers are varints, floats
 little endian, texts and lists have their length before them (protocol/src/codec.rs, carried.rs, link.rs).
 """
+import argparse
 import json
 import struct
-import sys
 import threading
 
 import zenoh
@@ -98,18 +100,36 @@ class ClassMaps:
         }
 
 
-def main(site, *endpoints):
+def host_of(text):
+    host, rest = text.split("@", 1)
+    endpoint, _, areas = rest.partition("=")
+    return host, endpoint, [area for area in areas.split(",") if area]
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("site")
+    parser.add_argument("hosts", nargs="+", metavar="HOST@ENDPOINT=AREA,..", type=host_of)
+    parser.add_argument("--tls", nargs=2, metavar=("DIR", "HOST"))
+    return parser.parse_args()
+
+
+def configuration(endpoint, tls):
     config = zenoh.Config()
-    if "--tls" in endpoints:
-        at = endpoints.index("--tls")
-        directory, host = endpoints[at + 1 : at + 3]
-        endpoints = endpoints[:at] + endpoints[at + 3 :]
-        tls = {"root_ca_certificate": f"{directory}/site-ca.pem", "enable_mtls": True}
-        tls |= {"connect_certificate": f"{directory}/{host}.pem", "connect_private_key": f"{directory}/{host}.key"}
-        config.insert_json5("transport/link/tls", json.dumps(tls))
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps(endpoints))
+    if tls:
+        directory, host = tls
+        files = {"root_ca_certificate": f"{directory}/site-ca.pem", "enable_mtls": True}
+        files |= {"connect_certificate": f"{directory}/{host}.pem", "connect_private_key": f"{directory}/{host}.key"}
+        config.insert_json5("transport/link/tls", json.dumps(files))
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/gossip/enabled", "false")
     config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
+def main(site, hosts, tls):
     lock, streams = threading.Lock(), {}
 
     def show(what):
@@ -125,16 +145,18 @@ def main(site, *endpoints):
         if shown:
             show({"class_map": shown})
 
-    with zenoh.open(config) as session:
-        session.declare_subscriber(f"tog/{site}/*/event/live", on_event)
-        session.declare_subscriber(f"tog/{site}/*/classes/*", on_classes)
-        threading.Event().wait()
+    sessions = []
+    for host, endpoint, areas in hosts:
+        session = zenoh.open(configuration(endpoint, tls))
+        session.declare_subscriber(f"tog/{site}/{host}/event/live", on_event)
+        for area in areas:
+            session.declare_subscriber(f"tog/{site}/{host}/classes/{area}", on_classes)
+        sessions.append(session)
+    threading.Event().wait()
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 3:
-        sys.exit(__doc__)
     try:
-        main(*sys.argv[1:])
+        main(**vars(arguments()))
     except KeyboardInterrupt:
         pass

@@ -79,8 +79,8 @@ fn programs_in_python_read_events_and_class_maps_of_other_hosts_and_scans_and_fr
     let file = SiteFile::parse(&toml, "t").unwrap_or_else(|errors| panic!("{errors}"));
     let mut edge = start(&toml, "edge", &[]);
     edge.wait_until_frames_flow(5);
-    let endpoint = format!("tcp/{}", file.hosts[0].endpoint);
-    let afar = python(&["listen.py", "t", &endpoint]);
+    let host = format!("edge@tcp/{}=hall", file.hosts[0].endpoint);
+    let afar = python(&["listen.py", "t", &host]);
     let here = python(&["watch_memory.py", edge.run_dir.to_str().unwrap(), "hall"]);
 
     let mut eyes = Eyes::open(&edge, &toml);
