@@ -12,8 +12,8 @@ pub const PAGE_BYTES_MAX: usize = 64 * 4096;
 
 /// A scan on its way to another host, or the end of the recording.
 ///
-/// What crosses between hosts names who says it, although its key does as well: after a link was cut
-/// zenoh 1.10 may deliver under the key of somebody else.
+/// What crosses between hosts names who says it, although its key does as well: zenoh 1.10 may deliver
+/// under the key of somebody else when both sides dial.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct CarriedScan {
     /// The laser's id.

@@ -56,17 +56,16 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
             bridge.link.leave();
             return Ok(());
         }
-        if bridge.is_confused() {
-            bridge.link.leave();
-            let why = "the network delivers what one host says as if another had said it (it was left \
-                       out): this bridge begins anew";
-            return Err(Failure::Failed(why.to_owned()));
-        }
     }
 }
 
-/// So many messages under a wrong key are no accident any more.
-const MISROUTED_MAX: u64 = 3;
+/// What came under the key of somebody else.
+#[derive(Default)]
+struct Misrouted {
+    count: u64,
+    /// When the last one came, CLOCK_MONOTONIC, and what it was.
+    last: Option<(u64, String)>,
+}
 
 /// The journal of another host, as this desk follows it.
 struct Followed {
@@ -80,7 +79,7 @@ struct Counters {
     scans_out: u64,
     scans_in: u64,
     scans_refused: u64,
-    misrouted: u64,
+    misrouted: Misrouted,
     health_refused: u64,
     pages_refused: u64,
     events_out: u64,
@@ -222,14 +221,9 @@ impl Bridge {
 
     /// Something came under the key of somebody else. It is left out.
     fn misrouted(&mut self, expected: &str, found: &str) {
-        let error = format!("it is of {found:?}");
-        refuse(&mut self.counters.misrouted, expected, &error);
-    }
-
-    /// True if the session must be opened anew: the two sides of a connection do not mean the same keys
-    /// by the same numbers (seen with zenoh 1.10: see the page of [`Link`]).
-    fn is_confused(&self) -> bool {
-        self.counters.misrouted >= MISROUTED_MAX
+        let (misrouted, error) = (&mut self.counters.misrouted, format!("it is of {found:?}"));
+        refuse(&mut misrouted.count, expected, &error);
+        misrouted.last = Some((monotonic_ns(), format!("{expected}: {error}")));
     }
 
     /// What came from other hosts.

@@ -6,6 +6,9 @@ use crate::remote::RemoteHost;
 use process::{Worker, monotonic_ns, wall_ns};
 use protocol::time::SECOND_NS;
 
+/// The fault is over when nothing came under a wrong key for so long.
+const MISROUTED_QUIET_NS: u64 = 60 * SECOND_NS;
+
 impl Bridge {
     /// Once a second: how we are, and how the others are.
     pub(super) fn tell_health(&mut self, worker: &mut Worker) {
@@ -27,7 +30,7 @@ impl Bridge {
             ("scans_lost", lost),
             ("scans_dropped", dropped.scans),
             ("scans_refused", counters.scans_refused),
-            ("messages_refused_misrouted", counters.misrouted),
+            ("messages_refused_misrouted", counters.misrouted.count),
             ("health_dropped", dropped.health),
             ("health_refused", counters.health_refused + not_there),
             ("events_out", counters.events_out),
@@ -46,6 +49,15 @@ impl Bridge {
         }
         health.set_count("maps_dropped", dropped.maps);
         health.gauge("maps_wanted", self.maps.wanted() as f64);
+        let lately = |last: &&(u64, String)| now_ns.saturating_sub(last.0) < MISROUTED_QUIET_NS;
+        let misrouted = counters.misrouted.last.as_ref().filter(lately).map(|(_, last)| {
+            format!(
+                "{} messages came under the key of somebody else, nothing of them was taken; the last one: \
+                 {last}. A host that lies, or a network that confuses: restart this host if it stays",
+                counters.misrouted.count
+            )
+        });
+        health.set_fault("misrouted", misrouted);
         let fault = self
             .teller
             .fault(now_ns)
