@@ -274,7 +274,9 @@ fn what_comes_under_the_key_of_somebody_else_is_left_out_and_told() {
         (count(bridge, "messages_refused_misrouted") == 3).then(|| fault.text.clone())
     });
     assert!(words.starts_with("3 messages came under the key of somebody else"), "{words}");
-    desk.wait_until_frames_flow(5);
+    let scans_in = |report: &supervisor::StatusReport| count(find(report, "bridge"), "scans_in");
+    let before = scans_in(&desk.status().unwrap());
+    desk.wait_until("more scans", |report| (scans_in(report) > before + 10).then_some(()));
     desk.stop();
     edge.stop();
 }
