@@ -169,7 +169,8 @@ pub fn check(arguments: &Check) -> ExitCode {
         Err(error) => return refuse(arguments, error),
     };
     let mut remarks = crate::check::sources(&site, &arguments.site);
-    remarks.extend(placement::remarks(&site, &base_dir(&arguments.site)));
+    let costs = placement::Costs::of(&site, &base_dir(&arguments.site));
+    remarks.extend(placement::remarks(&site, &costs));
     let name = arguments.site.display().to_string();
     let remarks = Diagnostics::of_remarks(&text, &name, &remarks);
     if remarks.has_errors() {
@@ -179,10 +180,7 @@ pub fn check(arguments: &Check) -> ExitCode {
     let _ = write!(std::io::stderr(), "{remarks}");
     if !site.hosts.is_empty() {
         placement::warn_of_plain_tcp(&site);
-        return write_out(
-            &placement::plan(&site, &base_dir(&arguments.site), arguments.format),
-            exit::OK,
-        );
+        return write_out(&placement::plan(&site, &costs, arguments.format), exit::OK);
     }
     let (plan, roles) = (Plan::new(&site, None), Role::all(&site, None));
     let text = match arguments.format {

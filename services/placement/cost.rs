@@ -7,11 +7,11 @@
 
 use laser::replay::ReplaySource;
 use process::Role;
-use protocol::carried::CarriedMap;
+use protocol::carried::{CarriedMap, MapContent};
 use protocol::codec::{Encoded, encode};
 use protocol::link::{CarriedScan, EventPage};
 use protocol::scan::{LaserScan, ScanGeometry};
-use protocol::site::{Area, Host, Laser, Pace, Site, Source, Transport};
+use protocol::site::{Area, Host, Laser, Pace, Site, Source};
 use std::path::Path;
 
 /// What a laser sends.
@@ -86,6 +86,13 @@ pub struct Stream<'s> {
     pub rate_hz: f64,
 }
 
+/// Every host with every other one.
+pub fn pairs(site: &Site) -> impl Iterator<Item = (&Host, &Host)> {
+    site.hosts.iter().flat_map(move |from| {
+        site.hosts.iter().filter(move |to| to.id != from.id).map(move |to| (from, to))
+    })
+}
+
 /// A site, and what its lasers send.
 #[derive(Debug)]
 pub struct Costs<'s> {
@@ -102,8 +109,8 @@ impl<'s> Costs<'s> {
 
     /// Bytes on the wire of a message of so many.
     fn on_the_wire(&self, bytes: usize) -> f64 {
-        let tls = self.site.hosts.iter().any(|host| host.transport == Transport::Tls);
-        (bytes + ZENOH_BYTES + PACKET_BYTES + if tls { TLS_BYTES } else { 0 }) as f64
+        let tls_bytes = if self.site.uses_tls() { TLS_BYTES } else { 0 };
+        (bytes + ZENOH_BYTES + PACKET_BYTES + tls_bytes) as f64
     }
 
     /// All that crosses. A stream whose laser cannot be looked at is counted with nothing.
@@ -111,18 +118,12 @@ impl<'s> Costs<'s> {
         let mut streams = self.scans();
         streams.extend(self.maps());
         let site = self.site;
-        let pairs = |wanted: fn(&Host) -> bool| {
-            site.hosts.iter().flat_map(move |from| {
-                let others = site.hosts.iter().filter(move |to| to.id != from.id && wanted(to));
-                others.map(move |to| (from, to))
-            })
-        };
         let head = encoded(&EventPage { host: "host-name".to_owned(), ..EventPage::default() });
-        for (from, to) in pairs(|to| to.desk) {
+        for (from, to) in pairs(site).filter(|(_, to)| to.desk) {
             let what = "events, none lost".to_owned();
             streams.push(self.stream(&from.id, &to.id, what, head + 20, 1.0));
         }
-        for (from, to) in pairs(|_| true) {
+        for (from, to) in pairs(site) {
             let processes = Role::all(site, Some(&from.id)).len() as f64;
             let health =
                 self.stream(&from.id, &to.id, "health".to_owned(), HEALTH_BYTES, processes);
@@ -166,7 +167,7 @@ impl<'s> Costs<'s> {
             for area in self.site.areas_followed_by(Some(&to.id)) {
                 let from = area.host.as_deref().unwrap_or_default();
                 let (beams, rate_hz) = self.of_area(area);
-                let head = map_bytes(&to.id, &area.id);
+                let head = map_bytes(from, &area.id);
                 let bytes = |a_beam: f64| head + (a_beam * beams as f64) as usize;
                 let frames = format!("frames of area {}", area.id);
                 let frames = self.stream(from, &to.id, frames, bytes(DELTA_BYTES_A_BEAM), rate_hz);
@@ -196,11 +197,15 @@ impl<'s> Costs<'s> {
         streams
     }
 
+    /// What the lasers of an area send.
+    fn feeds_of<'a>(&'a self, area: &'a Area) -> impl Iterator<Item = Feed> + 'a {
+        let lasers = self.site.lasers.iter().zip(&self.feeds);
+        lasers.filter(|(laser, _)| laser.area == area.id).filter_map(|(_, feed)| *feed)
+    }
+
     /// Beams of an area's lasers in all, and frames a second.
     fn of_area(&self, area: &Area) -> (usize, f64) {
-        let lasers = self.site.lasers.iter().zip(&self.feeds);
-        let feeds = lasers.filter(|(laser, _)| laser.area == area.id).filter_map(|(_, feed)| *feed);
-        let beams = feeds.map(|feed| feed.beams).sum();
+        let beams = self.feeds_of(area).map(|feed| feed.beams).sum();
         (beams, 1e9 / area.lattice().period_ns() as f64)
     }
 
@@ -236,9 +241,7 @@ impl<'s> Costs<'s> {
         for area in self.site.areas.iter().filter(runs_here) {
             let (beams, rate_hz) = self.of_area(area);
             us_per_s += rate_hz * (AREA_FRAME_US + beams as f64 * AREA_BEAM_US);
-            let lasers = self.site.lasers.iter().zip(&self.feeds);
-            let feeds = lasers.filter(|(laser, _)| laser.area == area.id);
-            us_per_s += feeds.filter_map(|(_, f)| *f).map(|f| f.rate_hz * TAKEN_US).sum::<f64>();
+            us_per_s += self.feeds_of(area).map(|feed| feed.rate_hz * TAKEN_US).sum::<f64>();
         }
         if let Some(host) = host {
             let of_host = streams.iter().filter(|s| s.from == host || s.to == host);
@@ -288,7 +291,7 @@ fn map_bytes(host: &str, area: &str) -> usize {
     encoded(&CarriedMap {
         host: host.to_owned(),
         area: area.to_owned(),
-        content: protocol::carried::MapContent::Frame,
+        content: MapContent::Frame,
         session: 1_800_000_000_000_000_000,
         seq: 1 << 20,
         number: 1 << 37,

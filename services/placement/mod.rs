@@ -3,7 +3,8 @@
 mod cost;
 
 use crate::cli::Format;
-use cost::{Costs, Stream};
+pub use cost::Costs;
+use cost::{Stream, pairs};
 use jiff::Timestamp;
 use process::Role;
 use process::plan::Plan;
@@ -11,7 +12,6 @@ use protocol::site::{Area, Host, Remark, RemarkOf, Severity, Site, Source};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io::Write as _;
-use std::path::Path;
 
 fn ids(site: &Site) -> String {
     site.hosts.iter().map(|host| host.id.as_str()).collect::<Vec<_>>().join(", ")
@@ -125,9 +125,8 @@ pub fn warn_of_plain_tcp(site: &Site) {
 }
 
 /// What does not fit, and what fits with nothing to spare.
-pub fn remarks(site: &Site, base_dir: &Path) -> Vec<Remark> {
-    let (costs, mut remarks) = (Costs::of(site, base_dir), Vec::new());
-    let streams = costs.streams();
+pub fn remarks(site: &Site, costs: &Costs<'_>) -> Vec<Remark> {
+    let (streams, mut remarks) = (costs.streams(), Vec::new());
     for (index, host) in site.hosts.iter().enumerate() {
         let mut remark = |key, severity, message: String, expected: String, help: &str| {
             let found = message.clone();
@@ -184,12 +183,11 @@ pub fn remarks(site: &Site, base_dir: &Path) -> Vec<Remark> {
 }
 
 /// What `tog check` shows of a site with hosts.
-pub fn plan(site: &Site, base_dir: &Path, format: Format) -> String {
-    let costs = Costs::of(site, base_dir);
+pub fn plan(site: &Site, costs: &Costs<'_>, format: Format) -> String {
     let streams = costs.streams();
     match format {
-        Format::Text => text(site, &costs, &streams),
-        Format::Json => json(site, &costs, &streams),
+        Format::Text => text(site, costs, &streams),
+        Format::Json => json(site, costs, &streams),
     }
 }
 
@@ -216,9 +214,9 @@ fn json(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
             "bytes_per_s": stream.bytes_per_s.round(),
         })
     };
-    let link = |(from, to): (&str, &str)| {
-        let bytes_per_s = costs.link_bytes_per_s(streams, from, to).round();
-        json!({ "from": from, "to": to, "bytes_per_s": bytes_per_s })
+    let link = |(from, to): (&Host, &Host)| {
+        let bytes_per_s = costs.link_bytes_per_s(streams, &from.id, &to.id).round();
+        json!({ "from": from.id, "to": to.id, "bytes_per_s": bytes_per_s })
     };
     let area = |area: &Area| json!({ "id": area.id, "host": area.host, "standby": area.standby });
     let report = json!({
@@ -229,13 +227,6 @@ fn json(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
         "streams": streams.iter().map(stream).collect::<Vec<_>>(),
     });
     format!("{report:#}\n")
-}
-
-fn pairs(site: &Site) -> impl Iterator<Item = (&str, &str)> {
-    site.hosts.iter().flat_map(move |from| {
-        let others = site.hosts.iter().filter(move |to| to.id != from.id);
-        others.map(move |to| (from.id.as_str(), to.id.as_str()))
-    })
 }
 
 fn plan_of(site: &Site, host: &Host) -> (Plan, Vec<Role>) {
@@ -271,7 +262,7 @@ fn text(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
     if site.has_bridges() {
         text.push_str("between the hosts, as long as nothing happens, kB/s on the wire:\n");
     }
-    for (from, to) in pairs(site) {
+    for (from, to) in pairs(site).map(|(from, to)| (from.id.as_str(), to.id.as_str())) {
         let kb_per_s = costs.link_bytes_per_s(streams, from, to) / 1e3;
         let _ = writeln!(text, "  {from} -> {to}: {kb_per_s:.1}");
         for stream in streams.iter().filter(|stream| (stream.from, stream.to) == (from, to)) {

@@ -4,7 +4,6 @@ use super::cli::GraphFormat;
 use process::Role;
 use protocol::site::Site;
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
 
 /// From which process to which, and by what.
 struct Edge {
@@ -27,11 +26,55 @@ pub fn text(site: &Site, format: GraphFormat) -> String {
         site.hosts.iter().map(|host| Some(host.id.as_str())).collect()
     };
     let edges = edges(site, &hosts);
-    match format {
-        GraphFormat::Dot => dot(site, &hosts, &edges),
-        GraphFormat::Mermaid => mermaid(site, &hosts, &edges),
+    let language = match format {
+        GraphFormat::Dot => &DOT,
+        GraphFormat::Mermaid => &MERMAID,
+    };
+    let mut text = (language.head)(&site.name);
+    for host in hosts.iter().copied() {
+        text += &host.map_or_else(String::new, |id| (language.host)(&node(None, id), id));
+        for role in Role::all(site, host) {
+            let role = role.to_string();
+            text += &(language.process)(&node(host, &role), &role);
+        }
+        text += host.map_or("", |_| language.host_end);
     }
+    edges.iter().for_each(|edge| text += &(language.edge)(edge));
+    text + language.end
 }
+
+/// How a language draws.
+struct Language {
+    head: fn(&str) -> String,
+    /// The beginning of a host: its name in the language, and its id.
+    host: fn(&str, &str) -> String,
+    host_end: &'static str,
+    process: fn(&str, &str) -> String,
+    edge: fn(&Edge) -> String,
+    end: &'static str,
+}
+
+const DOT: Language = Language {
+    head: |site| {
+        format!(
+            "digraph \"{site}\" {{\n  rankdir=LR;\n  node [shape=box, fontname=\"sans-serif\"];\n"
+        )
+    },
+    host: |name, id| format!("  subgraph cluster_{name} {{\n    label=\"host {id}\";\n"),
+    host_end: "  }\n",
+    process: |name, role| format!("    {name} [label=\"{role}\"];\n"),
+    edge: |Edge { from, to, what }| format!("  {from} -> {to} [label=\"{what}\"];\n"),
+    end: "}\n",
+};
+
+const MERMAID: Language = Language {
+    head: |_| "flowchart LR\n".to_owned(),
+    host: |name, id| format!("  subgraph {name}[host {id}]\n"),
+    host_end: "  end\n",
+    process: |name, role| format!("    {name}[{role}]\n"),
+    edge: |Edge { from, to, what }| format!("  {from} -->|{what}| {to}\n"),
+    end: "",
+};
 
 fn edges(site: &Site, hosts: &[Option<&str>]) -> Vec<Edge> {
     let mut edges = Vec::new();
@@ -75,49 +118,4 @@ fn edges(site: &Site, hosts: &[Option<&str>]) -> Vec<Edge> {
     let mut seen = BTreeSet::new();
     edges.retain(|edge| seen.insert((edge.from.clone(), edge.to.clone(), edge.what.clone())));
     edges
-}
-
-fn dot(site: &Site, hosts: &[Option<&str>], edges: &[Edge]) -> String {
-    let mut text = format!(
-        "digraph \"{}\" {{\n  rankdir=LR;\n  node [shape=box, fontname=\"sans-serif\"];\n",
-        site.name
-    );
-    // Writing to a String cannot fail.
-    for host in hosts.iter().copied() {
-        if let Some(id) = host {
-            let name = node(None, id);
-            let _ = writeln!(text, "  subgraph cluster_{name} {{\n    label=\"host {id}\";");
-        }
-        for role in Role::all(site, host) {
-            let role = role.to_string();
-            let _ = writeln!(text, "    {} [label=\"{role}\"];", node(host, &role));
-        }
-        if host.is_some() {
-            text.push_str("  }\n");
-        }
-    }
-    for Edge { from, to, what } in edges {
-        let _ = writeln!(text, "  {from} -> {to} [label=\"{what}\"];");
-    }
-    text + "}\n"
-}
-
-fn mermaid(site: &Site, hosts: &[Option<&str>], edges: &[Edge]) -> String {
-    let mut text = "flowchart LR\n".to_owned();
-    for host in hosts.iter().copied() {
-        if let Some(id) = host {
-            let _ = writeln!(text, "  subgraph {}[host {id}]", node(None, id));
-        }
-        for role in Role::all(site, host) {
-            let role = role.to_string();
-            let _ = writeln!(text, "    {}[{role}]", node(host, &role));
-        }
-        if host.is_some() {
-            text.push_str("  end\n");
-        }
-    }
-    for Edge { from, to, what } in edges {
-        let _ = writeln!(text, "  {from} -->|{what}| {to}");
-    }
-    text
 }

@@ -1,13 +1,11 @@
 //! The hosts of a site as one of them knows them: `tog status --site`.
 
-use protocol::site::Site;
+use protocol::health::Fault;
+use protocol::site::{Area, Host, Site};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
-use supervisor::{ServiceStatus, StatusReport};
-
-/// A host is heard if something came from it within so many seconds.
-const HEARD_MAX_S: f64 = 5.0;
+use supervisor::{ProcessState, ServiceStatus, StatusReport};
 
 /// One host.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -29,33 +27,33 @@ pub struct HostStatus {
     areas: Vec<String>,
     /// What is wrong there.
     faults: Vec<String>,
+    /// True once the bridge here says that it is lost.
+    #[serde(skip)]
+    is_lost: bool,
 }
 
 impl HostStatus {
     fn is_heard(&self) -> bool {
-        self.here || self.heard_s.is_some_and(|age_s| age_s < HEARD_MAX_S)
+        self.here || self.heard_s.is_some() && !self.is_lost
     }
 }
 
-/// All hosts; this one alone for a site of one host.
-pub fn hosts(site: &Site, report: &StatusReport) -> Vec<HostStatus> {
+/// All hosts, as the host `here` knows them; none for a site of one host.
+pub fn hosts(site: &Site, report: &StatusReport, here: Option<&str>) -> Vec<HostStatus> {
     let bridge = report.services.iter().find(|service| service.name == "bridge");
     let gauge = |name: String| bridge.and_then(|bridge| bridge.gauges.get(&name).copied());
-    let is_known = |id: &str| gauge(format!("host_services {id}")).is_some();
-    let host = |host: &protocol::site::Host| {
-        let id = &host.id;
-        // The bridge here knows of every other host, heard or not.
-        let here = bridge.is_some() && !is_known(id);
-        let runs = |area: &&protocol::site::Area| {
-            let name = if here {
-                format!("fusion {}", area.id)
-            } else {
+    let host = |host: &Host| {
+        let (id, here) = (&host.id, here == Some(host.id.as_str()));
+        let runs = |area: &&Area| {
+            if !here {
                 return gauge(format!("host_runs_area {id} {}", area.id)) == Some(1.0);
-            };
+            }
+            let name = format!("fusion {}", area.id);
             let service = report.services.iter().find(|service| service.name == name);
-            service.is_some_and(|s| s.state != supervisor::ProcessState::Standby)
+            service.is_some_and(|service| service.state != ProcessState::Standby)
         };
         let areas = site.areas_on(Some(id)).filter(runs).map(|area| area.id.clone()).collect();
+        let of_host = || faults_of(bridge).filter(|(of, _)| of == id).map(|(_, fault)| fault);
         HostStatus {
             id: id.clone(),
             endpoint: host.endpoint.clone(),
@@ -66,27 +64,34 @@ pub fn hosts(site: &Site, report: &StatusReport) -> Vec<HostStatus> {
             services_heard: gauge(format!("host_services_heard {id}")),
             services: gauge(format!("host_services {id}")),
             areas,
-            faults: if here { own_faults(report) } else { faults_of(bridge, id) },
+            is_lost: of_host().any(|fault| fault.code.starts_with("host_lost ")),
+            faults: if here {
+                own_faults(site, report)
+            } else {
+                of_host().map(|fault| fault.text.clone()).collect()
+            },
         }
     };
     site.hosts.iter().map(host).collect()
 }
 
-/// What is wrong here, other hosts excepted.
-fn own_faults(report: &StatusReport) -> Vec<String> {
+/// What the bridge says of other hosts: `host_lost east` is of `east`.
+fn faults_of(bridge: Option<&ServiceStatus>) -> impl Iterator<Item = (&str, &Fault)> {
+    let faults = bridge.into_iter().flat_map(|bridge| &bridge.faults);
+    faults.filter_map(|fault| Some((fault.code.split_once(' ')?.1, fault)))
+}
+
+/// What is wrong here; what the bridge says of other hosts stands with them.
+fn own_faults(site: &Site, report: &StatusReport) -> Vec<String> {
+    let of_others = |service: &ServiceStatus, fault: &Fault| {
+        let of = fault.code.split_once(' ').map(|(_, of)| of);
+        service.name == "bridge" && of.is_some_and(|of| site.host(of).is_some())
+    };
     let faults = report.services.iter().flat_map(|service| {
-        let of_others =
-            |code: &str| code.starts_with("host_") || code.starts_with("clock_differs ");
-        let own = service.faults.iter().filter(move |fault| !of_others(&fault.code));
+        let own = service.faults.iter().filter(move |fault| !of_others(service, fault));
         own.map(move |fault| format!("{}: {}: {}", service.name, fault.code, fault.text))
     });
     faults.collect()
-}
-
-fn faults_of(bridge: Option<&ServiceStatus>, id: &str) -> Vec<String> {
-    let faults = bridge.into_iter().flat_map(|bridge| &bridge.faults);
-    let of_host = faults.filter(|fault| fault.code.split(' ').nth(1) == Some(id));
-    of_host.map(|fault| fault.text.clone()).collect()
 }
 
 /// For people.

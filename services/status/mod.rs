@@ -9,7 +9,7 @@ mod top;
 use crate::operate::{journal_here, write_out};
 use crate::{fail, site_file};
 use cli::{Graph, Status, StatusFormat, Top};
-use process::exit;
+use process::{Instance, exit};
 use protocol::site::Site;
 use std::path::Path;
 use std::process::ExitCode;
@@ -34,11 +34,16 @@ pub fn status(arguments: &Status) -> ExitCode {
         Err(code) => return code,
     };
     let code = if report.is_healthy() { exit::OK } else { exit::FAILED };
+    let hosts = || {
+        // Who runs knows as which host it does.
+        let instance = Instance::load(Path::new(&report.run_dir)).ok();
+        hosts::hosts(&site, &report, instance.and_then(|instance| instance.host).as_deref())
+    };
     let text = match arguments.format {
         StatusFormat::Prometheus => prometheus::text(&report),
-        StatusFormat::Text if arguments.building => hosts::text(&hosts::hosts(&site, &report)),
+        StatusFormat::Text if arguments.building => hosts::text(&hosts()),
         StatusFormat::Json if arguments.building => {
-            format!("{:#}\n", hosts::json(&site, &hosts::hosts(&site, &report)))
+            format!("{:#}\n", hosts::json(&site, &hosts()))
         }
         StatusFormat::Text if arguments.verbose => report.table(),
         StatusFormat::Text => report.summary(),

@@ -1,7 +1,7 @@
 //! How a site is, in the text format of Prometheus (exposition format 0.0.4).
 
 use std::fmt::Write as _;
-use supervisor::{ProcessState, ServiceStatus, StatusReport};
+use supervisor::{ServiceStatus, StatusReport};
 
 /// Of a site that does not run.
 pub const DOWN: &str =
@@ -24,11 +24,7 @@ pub fn text(report: &StatusReport) -> String {
             }
         });
     };
-    let is_up = |service: &ServiceStatus| {
-        use ProcessState::{Ended, Running, Standby};
-        let up = matches!(service.state, Running | Ended | Standby);
-        Some(f64::from(u8::from(up)))
-    };
+    let is_up = |service: &ServiceStatus| Some(f64::from(u8::from(service.is_well())));
     each(&mut text, "tog_service_up", "gauge", "1 if the process runs and is well.", &is_up);
     let help = "How often the process was started again.";
     each(&mut text, "tog_service_restarts_total", "counter", help, &|s| Some(s.restarts as f64));
@@ -83,6 +79,7 @@ fn escaped(value: &str) -> String {
 mod tests {
     use super::*;
     use protocol::health::Fault;
+    use supervisor::ProcessState;
 
     #[test]
     fn every_fault_and_counter_has_a_line_and_its_text_cannot_break_it() {

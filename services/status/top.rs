@@ -140,8 +140,6 @@ fn table<'t>(report: &'t StatusReport, cpu: &BTreeMap<String, f64>) -> Table<'t>
     let or_dash = |value: Option<String>| value.unwrap_or_else(|| "-".to_owned());
     let mut rows = Vec::new();
     for service in &report.services {
-        let gauge = |name: &str| service.gauges.get(name).copied();
-        let rate_hz = service.gauges.iter().find(|(name, _)| name.ends_with("_rate_hz"));
         let color = match service.state {
             ProcessState::Running | ProcessState::Ended => Color::Reset,
             ProcessState::Standby | ProcessState::Starting => Color::DarkGray,
@@ -149,12 +147,10 @@ fn table<'t>(report: &'t StatusReport, cpu: &BTreeMap<String, f64>) -> Table<'t>
         };
         let cells = [
             service.name.clone(),
-            format!("{:?}", service.state).to_lowercase(),
-            or_dash(rate_hz.map(|(_, hz)| format!("{hz:.1} Hz"))),
+            service.state.name().to_owned(),
+            or_dash(service.rate_hz().map(|hz| format!("{hz:.1} Hz"))),
             or_dash(cpu.get(&service.name).map(|percent| format!("{percent:.1} %"))),
-            or_dash(
-                gauge("scan_age_s").or(service.health_age_s).map(|age_s| format!("{age_s:.1} s")),
-            ),
+            or_dash(service.age_s().map(|age_s| format!("{age_s:.1} s"))),
             service.restarts.to_string(),
         ];
         rows.push(Row::new(cells).style(Style::new().fg(color)));

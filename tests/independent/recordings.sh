@@ -2,18 +2,6 @@
 # recordings.sh decode BAG EXPECTED.json | make OUT: our recordings in the programs of others, and
 # theirs for us. In an environment of its own under target/; the packages come from PyPI on the first run only.
 set -euo pipefail
-here=$(cd "$(dirname "$0")" && pwd)
-venv=${CARGO_TARGET_DIR:-$here/../../target}/recordings-venv
-stamp=$venv/requirements.txt
-mkdir -p "$(dirname "$venv")"
-(
-    flock 9 # tests run in parallel: one of them installs
-    if ! cmp -s "$here/requirements-recordings.txt" "$stamp"; then
-        python3 -m venv --clear "$venv"
-        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-            -r "$here/requirements-recordings.txt"
-        cp "$here/requirements-recordings.txt" "$stamp"
-    fi
-) 9>"$venv.lock"
-export PYTHONDONTWRITEBYTECODE=1
+. "$(dirname "$0")/venv.sh"
+in_venv recordings requirements-recordings.txt
 exec "$venv/bin/python" "$here/recordings.py" "$@"

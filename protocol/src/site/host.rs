@@ -128,17 +128,15 @@ impl Site {
     /// may run or follows, and the lasers whose scans are there. All of a site without hosts.
     #[must_use]
     pub fn part_on(&self, host: Option<&str>) -> Self {
-        let follows = host.and_then(|id| self.host(id)).map_or(&[][..], |host| &host.follows);
         let is_heard = |laser: &Laser| {
-            let of = |area: &&Area| area.id == laser.area && area.may_run_on(host);
-            self.host_of_laser(laser) == host || self.areas.iter().any(|area| of(&area))
+            let mut here = self.areas_on(host);
+            self.host_of_laser(laser) == host || here.any(|area| area.id == laser.area)
         };
         let mut part = self.clone();
         part.lasers.retain(is_heard);
         let has_laser = |area: &Area| part.lasers.iter().any(|laser| laser.area == area.id);
-        let areas = part.areas.iter();
-        let is_there = |a: &&Area| a.may_run_on(host) || follows.contains(&a.id) || has_laser(a);
-        part.areas = areas.filter(is_there).cloned().collect();
+        let is_there = |area: &&Area| self.has_maps_on(host, &area.id) || has_laser(area);
+        part.areas = self.areas.iter().filter(is_there).cloned().collect();
         part.on_one_host()
     }
 
@@ -159,6 +157,12 @@ impl Site {
     /// of a site without hosts.
     pub fn areas_on<'s>(&'s self, host: Option<&'s str>) -> impl Iterator<Item = &'s Area> {
         self.areas.iter().filter(move |area| area.may_run_on(host))
+    }
+
+    /// True if frames and maps of the area are on `host`: it may run there, or is followed.
+    #[must_use]
+    pub fn has_maps_on(&self, host: Option<&str>, area: &str) -> bool {
+        self.areas_on(host).chain(self.areas_followed_by(host)).any(|there| there.id == area)
     }
 
     /// The areas that do not run on `host` and whose maps it wants, in the order of the file.

@@ -116,15 +116,7 @@ impl Link {
             }
         }
         answer(&session, topic::log_key(&site.name, &me.id), inbox)?;
-        let publisher = |key: String, priority| {
-            session
-                .declare_publisher(key)
-                .congestion_control(CongestionControl::Drop)
-                .priority(priority)
-                .express(true)
-                .wait()
-                .map_err(|error| error.to_string())
-        };
+        let publisher = |key, priority| publisher(&session, key, priority, true);
         let scans = outgoing.iter().map(|(laser, id)| {
             let key = topic::scan_key(&site.name, &me.id, id);
             Ok((*laser, id.clone(), publisher(key, Priority::Data)?))
@@ -148,15 +140,10 @@ impl Link {
         })
     }
 
-    /// True if the scans of this laser go from here; those of others may lie in the same topic.
-    pub fn sends(&self, laser: usize) -> bool {
-        self.scans.iter().any(|(index, ..)| *index == laser)
-    }
-
-    /// The id of a laser whose scans go from here; empty of any other.
-    pub fn laser(&self, laser: usize) -> &str {
+    /// The id of a laser if its scans go from here; those of others may lie in the same topic.
+    pub fn sends(&self, laser: usize) -> Option<&str> {
         let found = self.scans.iter().find(|(index, ..)| *index == laser);
-        found.map_or("", |(_, id, _)| id)
+        found.map(|(_, id, _)| id.as_str())
     }
 
     /// Sends an encoded scan, if there is room; false if no such laser sends from here.
@@ -224,6 +211,22 @@ fn partners(site: &Site, me: &Host) -> Vec<usize> {
         other.id != me.id && site.areas.iter().any(both)
     };
     (0..site.hosts.len()).filter(|&index| shares(&site.hosts[index])).collect()
+}
+
+/// Says something under a key; what finds no room is dropped. Express: not held back for others.
+fn publisher(
+    session: &zenoh::Session,
+    key: String,
+    priority: Priority,
+    is_express: bool,
+) -> Result<Publisher<'static>, String> {
+    session
+        .declare_publisher(key)
+        .congestion_control(CongestionControl::Drop)
+        .priority(priority)
+        .express(is_express)
+        .wait()
+        .map_err(|error| error.to_string())
 }
 
 /// Receives what comes on a key; what is too long is counted and left.

@@ -73,11 +73,7 @@ impl RemoteHost {
 
     /// An area does not run there: what its services said last is of no interest any more.
     pub fn left(&mut self, area: &str) {
-        let of_area = |name: &str| {
-            let parts = name.split_once(' ');
-            parts.is_some_and(|(role, id)| role != "laser" && id == area)
-        };
-        self.services.retain(|name, _| !of_area(name));
+        self.services.retain(|name, _| area_of(name) != Some(area));
     }
 
     /// Messages of health that were refused.
@@ -97,8 +93,8 @@ impl RemoteHost {
     #[must_use]
     pub fn services(&self, mono_ns: u64) -> (usize, usize) {
         let runs_elsewhere = |name: &str| {
-            let of_area = name.split_once(' ').filter(|(role, _)| *role != "laser");
-            of_area.is_some_and(|(_, area)| !self.services.contains_key(&format!("fusion {area}")))
+            let fusion = area_of(name).map(|area| format!("fusion {area}"));
+            fusion.is_some_and(|fusion| !self.services.contains_key(&fusion))
         };
         let all = self.names.iter().filter(|name| !runs_elsewhere(name));
         (all.count(), self.services.keys().filter(|name| self.hears(name, mono_ns)).count())
@@ -143,6 +139,11 @@ impl RemoteHost {
         }
         (!words.is_empty()).then(|| format!("on host {}: {}", self.id, words.join(" | ")))
     }
+}
+
+/// The area that a process serves; none of a laser, which stays where it is, and of others.
+fn area_of(name: &str) -> Option<&str> {
+    name.split_once(' ').filter(|(role, _)| *role != "laser").map(|(_, area)| area)
 }
 
 fn shortened(text: &str) -> String {

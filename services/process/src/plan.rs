@@ -156,25 +156,15 @@ impl Plan {
             let lasers = site.lasers.iter().filter(|laser| laser.area == area.id).count();
             // Of an area that may have to run elsewhere the bridge reads the scans, too.
             let shared = usize::from(area.standby.is_some());
-            let (id, grid) = (&area.id, area.grid());
-            let scan = topic::scan(id);
+            let scan = topic::scan(&area.id);
             let plan = TopicPlan::new(&scan, lasers, 1 + scans + shared).buffered(SCAN_BUFFER, 0);
             // A recording of a lossless replay has every scan as well.
             topics.push(plan.lossless_for(1 + scans));
-            let frame = topic::frame(id, grid.plane_words());
-            let plan = TopicPlan::new(&frame, 1, 1 + bridge).buffered(FRAME_BUFFER, 0);
-            topics.push(plan.lossless_for(1));
-            let classes = topic::classes(id, grid.cells());
-            let plan = TopicPlan::new(&classes, 1, 1 + maps + bridge).buffered(CLASSES_BUFFER, 0);
-            topics.push(plan.lossless_for(1));
-            // A message holds one context, so a late reader gets one of each.
-            let contexts = area.contexts.len() + 1;
-            let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
-            let plan = TopicPlan::new(&collapsed, 1, 1 + maps + bridge);
-            topics.push(plan.buffered(contexts.max(2), contexts));
+            let [frames, classes, collapsed] = map_topics(area, 1 + bridge, 1 + maps + bridge);
+            topics.extend([frames.lossless_for(1), classes.lossless_for(1), collapsed]);
         }
         for area in site.areas_followed_by(host) {
-            topics.extend(followed_maps(area, maps));
+            topics.extend(map_topics(area, 0, maps)); // the bridge publishes them
         }
         let event = topic::event();
         let events = 1 + recorder(RecordedTopics::Events);
@@ -221,16 +211,18 @@ impl Plan {
     }
 }
 
-/// Maps of an area of another host: the bridge publishes them.
-fn followed_maps(area: &Area, recorders: usize) -> [TopicPlan; 3] {
-    let (id, grid, contexts) = (&area.id, area.grid(), area.contexts.len() + 1);
+/// Frames, class maps and collapsed maps of an area, for so many readers of the plan.
+fn map_topics(area: &Area, of_frames: usize, of_maps: usize) -> [TopicPlan; 3] {
+    let (id, grid) = (&area.id, area.grid());
     let frame = topic::frame(id, grid.plane_words());
     let classes = topic::classes(id, grid.cells());
     let collapsed = topic::collapsed(id, grid.cells(), area.class_names().len());
+    // A message holds one context, so a late reader gets one of each.
+    let contexts = area.contexts.len() + 1;
     [
-        TopicPlan::new(&frame, 1, 0).buffered(FRAME_BUFFER, 0),
-        TopicPlan::new(&classes, 1, recorders).buffered(CLASSES_BUFFER, 0),
-        TopicPlan::new(&collapsed, 1, recorders).buffered(contexts.max(2), contexts),
+        TopicPlan::new(&frame, 1, of_frames).buffered(FRAME_BUFFER, 0),
+        TopicPlan::new(&classes, 1, of_maps).buffered(CLASSES_BUFFER, 0),
+        TopicPlan::new(&collapsed, 1, of_maps).buffered(contexts.max(2), contexts),
     ]
 }
 

@@ -117,12 +117,8 @@ impl Recorder {
             }
         }
         let mut areas = Vec::new();
-        let has_maps = |id: &str| {
-            let mut here = whole.areas_on(host).chain(whole.areas_followed_by(host));
-            here.any(|area| area.id == id)
-        };
         for (area, topics) in site.areas.iter().zip(&catalogue.areas) {
-            if !has_maps(&area.id) {
+            if !whole.has_maps_on(host, &area.id) {
                 continue; // its lasers are here, its maps are not
             }
             let (cells, classes) = (area.grid().cells(), area.class_names().len());

@@ -23,6 +23,21 @@ pub enum ProcessState {
     Standby,
 }
 
+impl ProcessState {
+    /// As it is shown.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Starting => "starting",
+            Self::Running => "running",
+            Self::Degraded => "degraded",
+            Self::Ended => "ended",
+            Self::Waiting => "waiting",
+            Self::Standby => "standby",
+        }
+    }
+}
+
 /// One process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ServiceStatus {
@@ -74,7 +89,8 @@ const HEALTH_AGE_MAX_S: f64 = 3.0;
 
 impl ServiceStatus {
     /// True if it runs, tells its health in time and says that nothing is wrong.
-    fn is_well(&self) -> bool {
+    #[must_use]
+    pub fn is_well(&self) -> bool {
         use ProcessState::{Ended, Running, Standby};
         matches!(self.state, Running | Ended | Standby) && !self.is_overdue()
     }
@@ -106,7 +122,8 @@ impl ServiceStatus {
     }
 
     /// What it delivers, a second; unknown while its health is overdue.
-    fn rate_hz(&self) -> Option<f64> {
+    #[must_use]
+    pub fn rate_hz(&self) -> Option<f64> {
         if self.is_overdue() {
             return None;
         }
@@ -115,7 +132,8 @@ impl ServiceStatus {
     }
 
     /// Age now of its newest scan if it is a laser, else of the last word of it, seconds.
-    fn age_s(&self) -> Option<f64> {
+    #[must_use]
+    pub fn age_s(&self) -> Option<f64> {
         let scan_age_s = self.gauges.get("scan_age_s").copied().unwrap_or(0.0);
         self.health_age_s.map(|health_age_s| scan_age_s + health_age_s)
     }
@@ -223,7 +241,7 @@ impl StatusReport {
                 text,
                 "{:width$}  {:9} {:>7} {:>10} {:>8}",
                 service.name,
-                format!("{:?}", service.state).to_lowercase(),
+                service.state.name(),
                 or_dash(service.up_s.map(duration)),
                 or_dash(service.rate_hz().map(|rate_hz| format!("{rate_hz:.1} Hz"))),
                 or_dash(service.age_s().map(|age_s| format!("{age_s:.1} s"))),
@@ -261,7 +279,7 @@ impl StatusReport {
                 text,
                 "{:width$}  {:9} {:>7} {:>8} {:>8} {:>7} {:>8}",
                 service.name,
-                format!("{:?}", service.state).to_lowercase(),
+                service.state.name(),
                 or_dash(service.pid.map(|pid| pid.to_string())),
                 or_dash(service.up_s.map(duration)),
                 service.restarts,

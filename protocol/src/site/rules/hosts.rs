@@ -71,16 +71,23 @@ fn one_transport(hosts: &[Node<'_>], findings: &mut Vec<Finding>) {
 /// A host that is named is there.
 fn known(place: &Node<'_>, key: &str, ids: &[&str], findings: &mut Vec<Finding>) {
     let Some((id, node)) = place.text(key).filter(|(id, _)| !ids.contains(id)) else { return };
+    if ids.is_empty() {
+        let help = "this file has no `[[host]]`: add one, or remove this line and everything runs on one \
+                    host";
+        findings
+            .push(Finding::error(&node, quoted(id), "the id of a host of this file").help(help));
+    } else {
+        findings.push(unknown(&node, id, ("a host", "hosts"), ids));
+    }
+}
+
+/// A name that nothing has; `what` is that of which it should be the name, one and several.
+fn unknown(node: &Node<'_>, id: &str, what: (&str, &str), ids: &[&str]) -> Finding {
     let help = match did_you_mean(id, ids.iter().copied()) {
-        Some(host) => format!("did you mean {host:?}?"),
-        None if ids.is_empty() => {
-            "this file has no `[[host]]`: add one, or remove this line and everything runs on one \
-             host"
-                .to_owned()
-        }
-        None => format!("hosts of this file: {}", names(ids.iter().copied())),
+        Some(known) => format!("did you mean {known:?}?"),
+        None => format!("{} of this file: {}", what.1, names(ids.iter().copied())),
     };
-    findings.push(Finding::error(&node, quoted(id), "the id of a host of this file").help(help));
+    Finding::error(node, quoted(id), format!("the id of {} of this file", what.0)).help(help)
 }
 
 /// What a host follows is an area of another host.
@@ -92,12 +99,7 @@ fn follows(host: &Node<'_>, areas: &[Node<'_>], findings: &mut Vec<Finding>) {
         let Some(area) =
             areas.iter().find(|area| area.text("id").is_some_and(|(id, _)| id == name))
         else {
-            let help = match did_you_mean(name, area_ids.iter().copied()) {
-                Some(area) => format!("did you mean {area:?}?"),
-                None => format!("areas of this file: {}", names(area_ids.iter().copied())),
-            };
-            let expected = "the id of an area of this file";
-            findings.push(Finding::error(&followed, quoted(name), expected).help(help));
+            findings.push(unknown(&followed, name, ("an area", "areas"), &area_ids));
             continue;
         };
         if ["host", "standby"].iter().any(|key| area.text(key).is_some_and(|(host, _)| host == id))

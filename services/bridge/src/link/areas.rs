@@ -1,7 +1,7 @@
 //! What two hosts that may run an area say to each other: that they are there, what they claim, and the
 //! files that the one copies of the other.
 
-use super::{Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, receive, take};
+use super::{Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, publisher, receive, take};
 use crate::inbox::{FileAsk, Inbox};
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::{AreaFile, FILE_PAGE_BYTES_MAX, FilePage};
@@ -64,13 +64,8 @@ impl Sharing {
                 .wait()
                 .map_err(failed)?;
         }
-        let claims = session
-            .declare_publisher(topic::claim_key(&site.name, &me.id))
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::InteractiveHigh)
-            .express(true)
-            .wait()
-            .map_err(failed)?;
+        let claim_key = topic::claim_key(&site.name, &me.id);
+        let claims = publisher(session, claim_key, Priority::InteractiveHigh, true)?;
         let token = session.liveliness().declare_token(topic::alive_key(&site.name, &me.id));
         Ok(Self { claims, _token: token.wait().map_err(failed)? })
     }

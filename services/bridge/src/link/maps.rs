@@ -1,6 +1,6 @@
 //! Frames and maps of areas between hosts: published while somebody elsewhere listens.
 
-use super::{Asker, Link, receive};
+use super::{Asker, Link, publisher, receive};
 use crate::inbox::Inbox;
 use protocol::carried::COUNTS_PAGE_MAX;
 use protocol::codec::{BODY_BYTES_MAX, ENVELOPE_BYTES};
@@ -9,7 +9,7 @@ use protocol::topic;
 use std::sync::Arc;
 use zenoh::Wait;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::qos::Priority;
 
 /// Which of the three streams of an area.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -34,6 +34,14 @@ impl View {
             Self::Collapsed => 15 * COUNTS_PAGE_MAX,
         };
         (content + 256).min(BODY_BYTES_MAX) + ENVELOPE_BYTES
+    }
+
+    /// Behind scans and events, and dropped first.
+    fn priority(self) -> Priority {
+        match self {
+            Self::Frame | Self::Classes => Priority::DataLow,
+            Self::Collapsed => Priority::Background,
+        }
     }
 
     fn key(self, site: &str, host: &str, area: &str) -> String {
@@ -63,7 +71,8 @@ impl Views {
                 continue;
             }
             for view in View::ALL {
-                let publisher = publisher(session, view.key(&site.name, &me.id, &area.id), view)?;
+                let key = view.key(&site.name, &me.id, &area.id);
+                let publisher = publisher(session, key, view.priority(), false)?;
                 let (inbox, place) = (Arc::clone(inbox), (index, view));
                 publisher
                     .matching_listener()
@@ -88,24 +97,6 @@ impl Views {
         }
         Ok(Self(publishers))
     }
-}
-
-/// Behind scans and events, and dropped first.
-fn publisher(
-    session: &zenoh::Session,
-    key: String,
-    view: View,
-) -> Result<Publisher<'static>, String> {
-    let priority = match view {
-        View::Frame | View::Classes => Priority::DataLow,
-        View::Collapsed => Priority::Background,
-    };
-    session
-        .declare_publisher(key)
-        .congestion_control(CongestionControl::Drop)
-        .priority(priority)
-        .wait()
-        .map_err(|error| error.to_string())
 }
 
 impl Link {

@@ -5,14 +5,16 @@ use super::{Bridge, refuse};
 use crate::inbox::Arriving;
 use crate::link::View;
 use crate::maps::{CountsReader, MapReader, MapTeller};
-use process::{Failure, Publisher, Subscriber, Worker, monotonic_ns};
-use protocol::carried::{CarriedCounts, CarriedMap, Cells, ClassIds, MapContent, Planes};
+use process::{Element, Failure, Publisher, Subscriber, Worker, monotonic_ns};
+use protocol::carried::{
+    COUNTS_PAGE_MAX, CarriedCounts, CarriedMap, Cells, ClassIds, MapContent, Planes,
+};
 use protocol::codec::{Encoded, decode, encode};
 use protocol::frame::FrameHeader;
 use protocol::grid::{ClassMapHeader, CollapsedMapHeader};
 use protocol::site::{Area, Host, Site};
 use protocol::topic;
-use protocol::wire::FLAG_END_OF_STREAM;
+use protocol::wire::{FLAG_END_OF_STREAM, Header};
 
 /// An area that this host may run.
 struct Told {
@@ -166,9 +168,10 @@ impl Bridge {
                 is_key: said.is_key,
                 codes: said.codes,
             };
+            // At the end of a recording there is no map any more, and so no cells.
             let mut send = |view, map: CarriedMap, is_end: bool| {
-                let size = if is_end { (0, 0) } else { (map.columns, map.rows) };
-                let map = CarriedMap { columns: size.0, rows: size.1, ..map };
+                let end = || CarriedMap { columns: 0, rows: 0, codes: Vec::new(), ..map.clone() };
+                let map = if is_end { end() } else { map };
                 let sent = encode(&map).map(|bytes| link.send_view((told.index, view), bytes));
                 *maps_out += u64::from(sent.is_ok());
                 sent.is_ok()
@@ -183,7 +186,7 @@ impl Bridge {
                 });
                 let map = head(MapContent::Frame, header.number, header.period_ns, said);
                 let map = CarriedMap { lasers_present: header.lasers_present, ..map };
-                is_whole &= send(View::Frame, without_codes(map, is_end), is_end);
+                is_whole &= send(View::Frame, map, is_end);
             }
             while let Some(sample) = told.classes.as_mut().map_or(Ok(None), Subscriber::receive)? {
                 let (header, is_end) = (*sample.header(), sample.is_end_of_stream());
@@ -195,7 +198,7 @@ impl Bridge {
                 let map = head(MapContent::Classes, header.number, header.period_ns, said);
                 let ClassMapHeader { lasers_present, context, classes, .. } = header;
                 let map = CarriedMap { lasers_present, context, classes, ..map };
-                is_whole &= send(View::Classes, without_codes(map, is_end), is_end);
+                is_whole &= send(View::Classes, map, is_end);
             }
             if !is_whole {
                 told.frame_teller.want_key();
@@ -217,9 +220,7 @@ impl Bridge {
                     offset: 0,
                     runs: Vec::new(),
                 };
-                let offsets =
-                    (0..sample.payload().len()).step_by(protocol::carried::COUNTS_PAGE_MAX);
-                for offset in offsets {
+                for offset in (0..sample.payload().len()).step_by(COUNTS_PAGE_MAX) {
                     if let Ok(bytes) = encode(&head.part(sample.payload(), offset)) {
                         link.send_view((told.index, View::Collapsed), bytes);
                     }
@@ -323,10 +324,6 @@ impl Bridge {
     }
 }
 
-fn without_codes(map: CarriedMap, is_end: bool) -> CarriedMap {
-    if is_end { CarriedMap { codes: Vec::new(), ..map } } else { map }
-}
-
 /// The map is one of the area.
 fn check(area: &Area, map: &CarriedMap) -> Result<(), String> {
     let size = (map.columns, map.rows);
@@ -357,49 +354,55 @@ fn check(area: &Area, map: &CarriedMap) -> Result<(), String> {
 impl Followed {
     /// Takes a map of the area's size; true if it was handed on.
     fn take(&mut self, host: usize, map: &CarriedMap) -> Result<Result<bool, String>, Failure> {
-        let now_ns = monotonic_ns();
         let (columns, rows) = (map.columns, map.rows);
         let CarriedMap { number, period_ns, lasers_present, context, classes, .. } = *map;
-        let is_end = map.is_end_of_stream();
         match map.content {
             MapContent::Frame => {
-                let taken =
-                    if is_end { Ok(true) } else { self.frame_reader.take(host, map, now_ns) };
-                if taken == Ok(true) {
-                    let mut header = FrameHeader {
-                        number,
-                        period_ns,
-                        lasers_present,
-                        columns,
-                        rows,
-                        ..FrameHeader::default()
-                    };
-                    header.envelope.flags = if is_end { FLAG_END_OF_STREAM } else { 0 };
-                    let words = &self.frame_reader.map().words;
-                    self.frames.send(header, if is_end { &[] } else { words })?;
-                }
-                Ok(taken)
+                let header = FrameHeader {
+                    number,
+                    period_ns,
+                    lasers_present,
+                    columns,
+                    rows,
+                    ..FrameHeader::default()
+                };
+                hand_on(&mut self.frames, &mut self.frame_reader, (host, map), header, |p| &p.words)
             }
             MapContent::Classes => {
-                let taken =
-                    if is_end { Ok(true) } else { self.class_reader.take(host, map, now_ns) };
-                if taken == Ok(true) {
-                    let mut header = ClassMapHeader {
-                        number,
-                        period_ns,
-                        lasers_present,
-                        context,
-                        classes,
-                        columns,
-                        rows,
-                        ..ClassMapHeader::default()
-                    };
-                    header.envelope.flags = if is_end { FLAG_END_OF_STREAM } else { 0 };
-                    let ids = &self.class_reader.map().0;
-                    self.classes.send(header, if is_end { &[] } else { ids })?;
-                }
-                Ok(taken)
+                let header = ClassMapHeader {
+                    number,
+                    period_ns,
+                    lasers_present,
+                    context,
+                    classes,
+                    columns,
+                    rows,
+                    ..ClassMapHeader::default()
+                };
+                hand_on(&mut self.classes, &mut self.class_reader, (host, map), header, |ids| {
+                    &ids.0
+                })
             }
         }
     }
+}
+
+/// Hands on what a host says of a stream, once its map is known; the end of a recording always.
+fn hand_on<H: Header, E: Element, C: Cells>(
+    publisher: &mut Publisher<H, E>,
+    reader: &mut MapReader<C>,
+    (host, said): (usize, &CarriedMap),
+    mut header: H,
+    payload: fn(&C) -> &[E],
+) -> Result<Result<bool, String>, Failure> {
+    if said.is_end_of_stream() {
+        header.envelope_mut().flags = FLAG_END_OF_STREAM;
+        publisher.send(header, &[])?;
+        return Ok(Ok(true));
+    }
+    let taken = reader.take(host, said, monotonic_ns());
+    if taken == Ok(true) {
+        publisher.send(header, payload(reader.map()))?;
+    }
+    Ok(taken)
 }

@@ -63,10 +63,9 @@ impl Bridge {
             while let Some(sample) = scans.receive()? {
                 let header = *sample.header();
                 let Envelope { session, seq, source, .. } = header.envelope;
-                if !self.link.sends(source as usize) {
+                let Some(laser) = self.link.sends(source as usize).map(str::to_owned) else {
                     continue; // of another host, for an area that both may run
-                }
-                let laser = self.link.laser(source as usize).to_owned();
+                };
                 let scan = (!sample.is_end_of_stream()).then(|| LaserScan {
                     stamp_ns: header.stamp_ns,
                     device_stamp_ns: header.device_stamp_ns,
