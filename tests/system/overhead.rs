@@ -11,7 +11,7 @@ use protocol::topic;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::net::TcpListener;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -21,6 +21,24 @@ const RATE_HZ: u64 = 75;
 
 fn scans() -> usize {
     if is_nightly() { 4500 } else { 150 }
+}
+
+/// Of every scan of `room` that is published on a host, by its stamp: when, CLOCK_MONOTONIC. Looks
+/// seldom, so that nobody is woken beside the bridge.
+fn published(run_dir: &Path, count: usize) -> BTreeMap<u64, u64> {
+    let instance = Instance::load(run_dir).unwrap();
+    let bus = Bus::open(&instance, &EventLoop::new().unwrap()).unwrap();
+    let mut scans = bus.subscriber_of_task(&topic::scan("room")).unwrap();
+    let (mut published, begin) = (BTreeMap::new(), Instant::now());
+    while published.len() < count {
+        scans.begin_turn();
+        while let Some(scan) = scans.receive().unwrap() {
+            published.insert(scan.header().stamp_ns, scan.header().envelope.published_mono_ns);
+        }
+        assert!(begin.elapsed() < WATCHDOG, "{} of {count} scans", published.len());
+        std::thread::sleep(Duration::from_millis(100)); // 8 scans: the queue has room for more
+    }
+    published
 }
 
 /// Of every scan of `room` that comes on a host, by its stamp: when it was published and when it was
@@ -53,13 +71,14 @@ fn through_bridges() -> (Vec<f64>, Vec<f64>) {
     let mut edge = start(&toml, "edge", &[]);
     let mut desk = start(&toml, "desk", &[]);
     desk.wait_until_frames_flow(5);
-    let follow = |run_dir: PathBuf| std::thread::spawn(move || taken(&run_dir, scans()));
-    let (sent, came) = (follow(edge.run_dir.clone()), follow(desk.run_dir.clone()));
+    let (at_edge, at_desk) = (edge.run_dir.clone(), desk.run_dir.clone());
+    let sent = std::thread::spawn(move || published(&at_edge, scans()));
+    let came = std::thread::spawn(move || taken(&at_desk, scans()));
     let (sent, came) = (sent.join().unwrap(), came.join().unwrap());
     desk.stop();
     edge.stop();
     let us = |(stamp_ns, (handed_on_ns, taken_ns)): (&u64, &(u64, u64))| {
-        let (published_ns, _) = sent.get(stamp_ns)?;
+        let published_ns = sent.get(stamp_ns)?;
         let since = |then_ns: u64| (then_ns - published_ns) as f64 / 1e3;
         Some((since(*handed_on_ns), since(*taken_ns)))
     };

@@ -1,9 +1,10 @@
 //! What came from other hosts and was not looked at yet: bounded queues that threads of the network
 //! fill and the loop of the bridge empties.
 //!
-//! The policy of each: scans, the newest win; health, the newest win; pages of events and of files, what
-//! finds no room goes (it is asked for again); questions, what finds no room goes unanswered (they are
-//! asked again); frames and maps, the newest win; of whether a host is there and of its claims only the newest is kept, and never lost.
+//! The policy of each: health, the newest win; pages of events and of files, what finds no room goes (it
+//! is asked for again); questions, what finds no room goes unanswered (they are asked again); frames and
+//! maps, the newest win; of whether a host is there and of its claims only the newest is kept, and never
+//! lost. Scans do not wait here: see [`crate::scans`].
 
 use crate::link::View;
 use protocol::link::AreaFile;
@@ -13,8 +14,6 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Most scans of a laser that wait: 0.4 s of the fastest lasers; older ones are in no frame anyway.
-pub const SCANS_MAX: usize = 32;
 /// Most messages of health that wait: a second of a site of a hundred processes, twice.
 pub const HEALTH_MAX: usize = 256;
 /// Most pages of events that wait, of all hosts: each is at most 256 kB.
@@ -32,8 +31,6 @@ pub const VIEWS_MAX: usize = 32;
 /// What was thrown away because there was no room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Dropped {
-    /// Scans, all lasers.
-    pub scans: u64,
     /// Messages of health.
     pub health: u64,
     /// Pages of events.
@@ -74,7 +71,6 @@ pub type Arriving = BTreeMap<(usize, View), VecDeque<(usize, Vec<u8>)>>;
 
 #[derive(Debug)]
 struct Queues<Q> {
-    scans: Vec<VecDeque<Vec<u8>>>,
     health: VecDeque<(usize, Vec<u8>)>,
     pages: VecDeque<(usize, Vec<u8>)>,
     asks: VecDeque<Ask<Q>>,
@@ -90,8 +86,6 @@ struct Queues<Q> {
 /// All that came and waits.
 #[derive(Debug, Default)]
 pub struct Arrived<Q> {
-    /// Encoded scans by the number of the stream, in order.
-    pub scans: Vec<(usize, Vec<u8>)>,
     /// Encoded health, and the index of the host that it is of.
     pub health: VecDeque<(usize, Vec<u8>)>,
     /// Encoded pages, and the index of the host that they are of.
@@ -118,13 +112,12 @@ pub struct Inbox<Q> {
 }
 
 impl<Q> Inbox<Q> {
-    /// Queues for `streams` lasers.
+    /// Empty queues.
     ///
     /// # Errors
     /// If the system gives no descriptor.
-    pub fn new(streams: usize) -> io::Result<Self> {
+    pub fn new() -> io::Result<Self> {
         let queues = Queues {
-            scans: (0..streams).map(|_| VecDeque::with_capacity(SCANS_MAX)).collect(),
             health: VecDeque::new(),
             pages: VecDeque::new(),
             asks: VecDeque::new(),
@@ -144,15 +137,6 @@ impl<Q> Inbox<Q> {
     #[must_use]
     pub fn bell(&self) -> BorrowedFd<'_> {
         self.bell.as_fd()
-    }
-
-    /// A scan of a stream.
-    pub fn scan(&self, stream: usize, bytes: Vec<u8>) {
-        let mut queues = self.lock();
-        let Queues { scans, dropped, .. } = &mut *queues;
-        let Some(queue) = scans.get_mut(stream) else { return };
-        dropped.scans += push_newest(queue, SCANS_MAX, bytes);
-        self.ring(queues);
     }
 
     /// Health of a host.
@@ -253,13 +237,9 @@ impl<Q> Inbox<Q> {
         let mut count = [0; 8];
         let _ = rustix::io::read(&self.bell, &mut count); // it did not ring: nothing to silence
         let mut queues = self.lock();
-        let Queues { scans, health, pages, asks, alive, claims, files, file_asks, views, .. } =
+        let Queues { health, pages, asks, alive, claims, files, file_asks, views, .. } =
             &mut *queues;
-        let drained = scans.iter_mut().enumerate();
         Arrived {
-            scans: drained
-                .flat_map(|(stream, queue)| queue.drain(..).map(move |bytes| (stream, bytes)))
-                .collect(),
             health: std::mem::take(health),
             pages: std::mem::take(pages),
             asks: std::mem::take(asks),
@@ -305,24 +285,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_too_many_scans_the_newest_stay_and_the_rest_is_counted() {
-        let inbox = Inbox::<()>::new(2).unwrap();
-        for n in 0..SCANS_MAX + 3 {
-            inbox.scan(1, vec![n as u8]);
+    fn of_too_many_frames_the_newest_stay_and_the_rest_is_counted() {
+        let inbox = Inbox::<()>::new().unwrap();
+        let place = (1, View::Frame);
+        for n in 0..VIEWS_MAX + 3 {
+            inbox.view(place, 0, vec![n as u8]);
         }
-        inbox.scan(0, vec![7]);
-        inbox.scan(9, vec![1]); // there is no such stream
+        inbox.view((0, View::Frame), 0, vec![7]);
         let arrived = inbox.take();
-        assert_eq!(arrived.scans.len(), SCANS_MAX + 1);
-        assert_eq!(arrived.scans[0], (0, vec![7]));
-        assert_eq!(arrived.scans[1], (1, vec![3]), "the three oldest are gone");
-        assert_eq!(inbox.dropped(), Dropped { scans: 3, ..Dropped::default() });
-        assert!(inbox.take().scans.is_empty());
+        assert_eq!(arrived.views[&place].len(), VIEWS_MAX);
+        assert_eq!(arrived.views[&place][0], (0, vec![3]), "the three oldest are gone");
+        assert_eq!(inbox.dropped(), Dropped { maps: 3, ..Dropped::default() });
+        assert!(inbox.take().views.is_empty());
     }
 
     #[test]
     fn pages_and_questions_that_find_no_room_are_counted_and_the_first_stay() {
-        let inbox = Inbox::new(0).unwrap();
+        let inbox = Inbox::new().unwrap();
         for n in 0..100u64 {
             inbox.page(0, vec![n as u8]);
             inbox.ask(Ask { after: n, query: n });
@@ -338,7 +317,7 @@ mod tests {
 
     #[test]
     fn the_bell_rings_until_everything_is_taken() {
-        let inbox = Inbox::<()>::new(1).unwrap();
+        let inbox = Inbox::<()>::new().unwrap();
         let rings = |inbox: &Inbox<()>| {
             let mut descriptors =
                 [rustix::event::PollFd::new(&inbox.bell, rustix::event::PollFlags::IN)];
@@ -346,10 +325,10 @@ mod tests {
             rustix::event::poll(&mut descriptors, Some(&now)).unwrap() == 1
         };
         assert!(!rings(&inbox));
-        inbox.scan(0, vec![1]);
-        inbox.scan(0, vec![2]);
+        inbox.health(0, vec![1]);
+        inbox.health(0, vec![2]);
         assert!(rings(&inbox));
-        assert_eq!(inbox.take().scans.len(), 2);
+        assert_eq!(inbox.take().health.len(), 2);
         assert!(!rings(&inbox));
     }
 }

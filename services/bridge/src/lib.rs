@@ -9,8 +9,8 @@
 //!
 //! Invariants
 //! - **Scans: the newest wins.** A scan that finds no room goes, on this side (zenoh drops what does
-//!   not fit its queue) and on that (the oldest of [`inbox::SCANS_MAX`] a laser); both are counted by
-//!   the numbers of the laser's process.
+//!   not fit its queue) and on that (the oldest in the queue of a reader in shared memory); both are
+//!   counted by the numbers of the laser's process.
 //! - **Frames and maps: only while somebody elsewhere listens**, and the newest wins: see [`maps`].
 //! - **Events: none is lost, none comes twice.** The journal of the host where an event happened is
 //!   the truth. A desk asks "everything after row n" in pages, is told rows as they come and where
@@ -20,8 +20,8 @@
 //!   field; a scan only of a laser that runs there, an event only of an origin that lives there,
 //!   health only of a process that the site file places there. What is refused is counted.
 //! - **An area that two hosts may run is run by one**, as soon as they hear each other: [`ownership`].
-//! - Callbacks of zenoh only move bytes into bounded queues ([`inbox`]); all else is one thread.
-//!
+//! - Callbacks of zenoh only move bytes into bounded queues ([`inbox`]); all else is one thread. But for
+//!   scans, which are in a hurry: those never wait for that thread (`scans`).
 //! - **Who is on the other side is proved by its certificate**, and it may say only what is its own
 //!   ([`access`]); what it tries besides is refused and told ([`guard`]). With `plain-tcp` nobody proves
 //!   anything: a host is believed to be what its key says.
@@ -30,6 +30,7 @@
 //! |---|---|
 //! | what does zenoh do for us, with which settings | `link` |
 //! | what does the process do, in which order | `run` |
+//! | how do scans get from shared memory into the network and back | `scans` |
 //! | who may say what | [`access`], pure |
 //! | who tried without the right to | [`guard`] |
 //! | which of two hosts runs an area | [`ownership`], pure; `run/areas.rs` acts |
@@ -54,6 +55,7 @@ pub mod ownership;
 pub mod remote;
 pub mod replica;
 mod run;
+mod scans;
 mod teller;
 
 pub use run::run;

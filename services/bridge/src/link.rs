@@ -12,6 +12,7 @@
 
 mod areas;
 mod maps;
+mod scans;
 
 use crate::access;
 use crate::inbox::{Ask, Inbox};
@@ -21,9 +22,9 @@ pub use maps::View;
 use maps::Views;
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::PAGE_BYTES_MAX;
-use protocol::scan::BEAMS_MAX;
 use protocol::site::{Area, Host, Site, Transport};
 use protocol::topic;
+pub use scans::Stream;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -34,8 +35,6 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
 use zenoh::sample::Sample;
 
-/// Longest message of a scan: its ranges, and room for the rest.
-const SCAN_BYTES_MAX: usize = 4 * BEAMS_MAX + 256;
 /// Longest message of all: a page of events with its envelope.
 const MESSAGE_BYTES_MAX: usize = PAGE_BYTES_MAX + ENVELOPE_BYTES;
 /// A question that is not answered by then ends without an answer.
@@ -47,29 +46,18 @@ const LEASE_MS: u64 = 2000;
 #[derive(Debug)]
 pub struct Asker(Query);
 
-/// A stream of scans that comes from another host.
-#[derive(Debug, Clone)]
-pub struct Stream {
-    /// Where the laser runs.
-    pub host: String,
-    /// The laser's id.
-    pub laser: String,
-    /// True if its area has a standby: the scans come only while the area runs here.
-    pub shared: bool,
-}
-
 /// The session, and what is sent on it.
 #[derive(Debug)]
 pub struct Link {
     session: zenoh::Session,
     site: String,
-    /// By the laser's index in the site.
-    scans: Vec<(usize, String, Publisher<'static>)>,
+    /// This one.
+    host: String,
     health: Publisher<'static>,
     live: Publisher<'static>,
-    /// Keys of the streams that do not always come.
-    streams: Vec<Option<String>>,
-    /// Those of them that come now.
+    /// The streams of scans that may come.
+    streams: Vec<Stream>,
+    /// Those that come now.
     listening: BTreeMap<usize, Subscriber<()>>,
     sharing: Option<Sharing>,
     views: Views,
@@ -77,7 +65,7 @@ pub struct Link {
 
 impl Link {
     /// Opens the session of host `me`: listens, dials those before it in the background, for ever.
-    /// `streams` are the scans that come here; `outgoing` the lasers whose scans go from here.
+    /// `streams` are the scans that come here.
     /// `areas` are those that this host shares with another one. What comes is put into `inbox`.
     /// `files` are read where the hosts use TLS.
     ///
@@ -86,8 +74,7 @@ impl Link {
     pub fn open(
         site: &Site,
         me: &Host,
-        streams: &[Stream],
-        outgoing: &[(usize, String)],
+        streams: Vec<Stream>,
         areas: &[String],
         inbox: &Arc<Inbox<Asker>>,
         files: &Files,
@@ -100,13 +87,6 @@ impl Link {
             zenoh::Config::from_json5(&config(site, me, files).to_string()).map_err(failed)?;
         let session = zenoh::open(config).wait().map_err(failed)?;
         let others = site.hosts.iter().enumerate().filter(|(_, host)| host.id != me.id);
-        for (index, stream) in streams.iter().enumerate() {
-            if stream.shared {
-                continue;
-            }
-            let (key, inbox) = (topic::scan_key(&site.name, &stream.host, &stream.laser), inbox);
-            receive(&session, key, SCAN_BYTES_MAX, inbox, move |i, b| i.scan(index, b))?;
-        }
         for (index, host) in others {
             let key = topic::health_key(&site.name, &host.id);
             receive(&session, key, topic::BYTES_MAX, inbox, move |i, b| i.health(index, b))?;
@@ -117,42 +97,23 @@ impl Link {
         }
         answer(&session, topic::log_key(&site.name, &me.id), inbox)?;
         let publisher = |key, priority| publisher(&session, key, priority, true);
-        let scans = outgoing.iter().map(|(laser, id)| {
-            let key = topic::scan_key(&site.name, &me.id, id);
-            Ok((*laser, id.clone(), publisher(key, Priority::Data)?))
-        });
-        let shared = |stream: &Stream| {
-            let key = || topic::scan_key(&site.name, &stream.host, &stream.laser);
-            stream.shared.then(key)
-        };
         let sharing = (!areas.is_empty())
             .then(|| Sharing::declare(&session, site, me, &partners(site, me), areas, inbox));
-        Ok(Self {
-            streams: streams.iter().map(shared).collect(),
+        let mut link = Self {
+            streams,
             listening: BTreeMap::new(),
             sharing: sharing.transpose()?,
             views: Views::declare(&session, site, me, inbox)?,
             site: site.name.clone(),
-            scans: scans.collect::<Result<_, String>>()?,
+            host: me.id.clone(),
             health: publisher(topic::health_key(&site.name, &me.id), Priority::DataLow)?,
             live: publisher(topic::live_key(&site.name, &me.id), Priority::InteractiveHigh)?,
             session,
-        })
-    }
-
-    /// The id of a laser if its scans go from here; those of others may lie in the same topic.
-    pub fn sends(&self, laser: usize) -> Option<&str> {
-        let found = self.scans.iter().find(|(index, ..)| *index == laser);
-        found.map(|(_, id, _)| id.as_str())
-    }
-
-    /// Sends an encoded scan, if there is room; false if no such laser sends from here.
-    pub fn send_scan(&self, laser: usize, bytes: Vec<u8>) -> bool {
-        let Some((.., publisher)) = self.scans.iter().find(|(index, ..)| *index == laser) else {
-            return false;
         };
-        // `Ok` means nothing but that it was tried: the reader counts by the scans' numbers.
-        publisher.put(bytes).wait().is_ok()
+        let always: Vec<usize> =
+            (0..link.streams.len()).filter(|&stream| !link.streams[stream].shared).collect();
+        always.into_iter().for_each(|stream| link.listen(stream, true));
+        Ok(link)
     }
 
     /// Sends encoded health, if there is room.

@@ -8,14 +8,15 @@ mod scans;
 
 use areas::Areas;
 use maps::Maps;
-use scans::{Incoming, Lanes};
+use scans::Arrivals;
 
 use crate::cursor::Shelf;
 use crate::follower::{Follower, Origins};
 use crate::guard::{self, Alarm};
 use crate::inbox::{Arrived, Inbox};
-use crate::link::{Asker, Link};
+use crate::link::{Asker, Link, Stream};
 use crate::remote::RemoteHost;
+use crate::scans::Outgoing;
 use crate::teller::{Tell, Teller};
 use certificates::{Certificate, Files, Identity, common_name};
 use process::{
@@ -25,7 +26,6 @@ use protocol::codec::{Encoded, decode, encode};
 use protocol::event::{EventAcknowledgement, EventChange, EventHeader, journal_origin};
 use protocol::health::{Health, ServiceState};
 use protocol::link::{EventPage, HostHealth};
-use protocol::scan::ScanHeader;
 use protocol::site::{Host, Site};
 use protocol::time::SECOND_NS;
 use protocol::topic;
@@ -42,7 +42,7 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     bridge.begin_areas();
     worker.health.set_state(ServiceState::Running);
     loop {
-        bridge.send_scans()?;
+        bridge.failed_scans()?;
         bridge.open_wanted(worker)?;
         bridge.send_maps()?;
         bridge.send_health()?;
@@ -53,6 +53,7 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         let deadline_ns = bridge.deadline_ns();
         if worker.wait(Some(deadline_ns))?.stop {
             bridge.release_areas();
+            bridge.close_scans();
             bridge.link.leave();
             return Ok(());
         }
@@ -67,6 +68,12 @@ struct Misrouted {
     last: Option<(u64, String)>,
 }
 
+impl Misrouted {
+    fn note(&mut self, expected: &str, error: &str) {
+        self.last = Some((monotonic_ns(), format!("{expected}: {error}")));
+    }
+}
+
 /// The journal of another host, as this desk follows it.
 struct Followed {
     follower: Follower,
@@ -76,9 +83,6 @@ struct Followed {
 
 #[derive(Default)]
 struct Counters {
-    scans_out: u64,
-    scans_in: u64,
-    scans_refused: u64,
     misrouted: Misrouted,
     health_refused: u64,
     pages_refused: u64,
@@ -92,8 +96,10 @@ struct Bridge {
     link: Link,
     inbox: Arc<Inbox<Asker>>,
     bell: Token,
-    outgoing: Vec<Subscriber<ScanHeader, f32>>,
-    incoming: Vec<Incoming>,
+    outgoing: Vec<Arc<Outgoing>>,
+    streams: Vec<Stream>,
+    /// By the stream.
+    scans_told: Vec<scans::Told>,
     health: Subscriber<BytesHeader, u8>,
     /// At a desk only, as the two below.
     events: Option<Publisher<EventHeader, u8>>,
@@ -119,8 +125,7 @@ impl Bridge {
         let site = worker.site.clone();
         let me = worker.instance.host.as_deref().and_then(|id| site.host(id));
         let me = me.ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))?.clone();
-        let Lanes { incoming, streams, of_areas, sent, outgoing } =
-            Lanes::open(worker, &site, &me)?;
+        let Arrivals { streams, of_areas } = Arrivals::open(worker, &site, &me)?;
         let shelf = Shelf::open(&worker.instance.state_dir)?;
         let now_ns = monotonic_ns();
         let followed = if me.desk { follow(&site, &me, &shelf, now_ns) } else { Vec::new() };
@@ -135,22 +140,23 @@ impl Bridge {
         } else {
             None
         };
-        let inbox = Arc::new(Inbox::new(streams.len())?);
+        let inbox = Arc::new(Inbox::new()?);
         let bell = worker.events.watch(inbox.bell(), Interest::Read)?;
         let files = Files::of(&worker.instance.resolve(&site.tls_dir), &me.id);
         let certificate = certificate(&site, &me, &files)?;
         let shared = areas::shared_areas(&site, &me);
-        let link = Link::open(&site, &me, &streams, &sent, &shared, &inbox, &files)
+        let link = Link::open(&site, &me, streams.clone(), &shared, &inbox, &files)
             .map_err(Failure::Failed)?;
         let areas = Areas::open(worker, &me, &shelf, &of_areas)?;
         let maps = Maps::open(worker, &site, &me)?;
         let count = site.hosts.len() - 1;
         tracing::info!("host {} listens on {} and looks for {count} more", me.id, me.endpoint);
         Ok(Self {
+            outgoing: scans::start(worker, &site, &me, &link)?,
+            scans_told: vec![scans::Told::default(); streams.len()],
+            streams,
             link,
             bell,
-            outgoing,
-            incoming,
             health: worker.bus.subscriber(&topic::health())?,
             events,
             acknowledgements,
@@ -223,19 +229,16 @@ impl Bridge {
     fn misrouted(&mut self, expected: &str, found: &str) {
         let (misrouted, error) = (&mut self.counters.misrouted, format!("it is of {found:?}"));
         refuse(&mut misrouted.count, expected, &error);
-        misrouted.last = Some((monotonic_ns(), format!("{expected}: {error}")));
+        misrouted.note(expected, &error);
     }
 
     /// What came from other hosts.
     fn take_arrived(&mut self) -> Result<(), Failure> {
-        let Arrived { scans, health, pages, asks, alive, claims, files, file_asks, views } =
+        let Arrived { health, pages, asks, alive, claims, files, file_asks, views } =
             self.inbox.take();
         self.take_areas(alive, claims)?;
         self.take_files(files, file_asks);
         let now_ns = monotonic_ns();
-        for (stream, bytes) in scans {
-            self.take_scan(stream, &bytes)?;
-        }
         self.take_maps(views)?;
         for (host, bytes) in health {
             let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) else { continue };
@@ -402,8 +405,13 @@ fn remote(site: &Site, host: &Host, me: &Host, now_ns: u64) -> Option<RemoteHost
 
 /// Counts what was refused; says the first, and then ever more rarely.
 fn refuse(count: &mut u64, who: &str, error: &dyn std::fmt::Display) {
+    say_refused(*count, *count + 1, who, error);
     *count += 1;
-    if count.is_power_of_two() {
+}
+
+/// The same of several that were refused since the last time: `before` and `count` are all of them.
+fn say_refused(before: u64, count: u64, who: &str, error: &dyn std::fmt::Display) {
+    if count.checked_ilog2() > before.checked_ilog2() {
         tracing::warn!("refused {count} messages; now of {who}: {error}");
     }
 }

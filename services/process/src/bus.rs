@@ -3,23 +3,24 @@
 
 use crate::clock::monotonic_ns;
 use crate::domain;
-use crate::doorbell::{EVENT_DATA, EVENT_HELLO};
+use crate::doorbell::{Doorbell, EVENT_DATA, EVENT_HELLO};
 use crate::event_loop::EventLoop;
 use crate::instance::Instance;
 use crate::node::create_node;
 use crate::plan::{Plan, TopicPlan};
-use crate::ports::{BusError, Element, Wire};
+use crate::ports::{BusError, Element, Ipc, Wire};
 use crate::publisher::Publisher;
 use crate::subscriber::Subscriber;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::{EventId, Node, ServiceName, ipc};
+use iceoryx2::prelude::{EventId, Node, ServiceName};
 use iceoryx2::service::port_factory::event::PortFactory as EventFactory;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::site::Site;
 use protocol::topic::Topic;
 use protocol::wire::{BytesHeader, Header};
 use std::fmt::Debug;
+use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
@@ -31,7 +32,7 @@ const OPEN_PAUSE: Duration = Duration::from_millis(25);
 /// A process's node in the shared memory of an instance.
 #[derive(Debug)]
 pub struct Bus {
-    node: Node<ipc::Service>,
+    node: Node<Ipc>,
     plan: Plan,
     events: EventLoop,
     lossless: bool,
@@ -40,8 +41,8 @@ pub struct Bus {
 
 /// One topic, opened.
 pub(crate) struct Opened<H: Header, E: Element> {
-    pub(crate) data: PortFactory<ipc::Service, [E], Wire<H>>,
-    pub(crate) event: EventFactory<ipc::Service>,
+    pub(crate) data: PortFactory<Ipc, [E], Wire<H>>,
+    pub(crate) event: EventFactory<Ipc>,
 }
 
 impl Bus {
@@ -97,7 +98,7 @@ impl Bus {
         let credit = if self.lossless && plan.required_readers > 0 {
             let name = credit_topic(topic.name());
             let opened = self.open_topic::<BytesHeader, u64>(&name)?;
-            Some(Subscriber::new(self, &opened, &name, None)?)
+            Some(self.read(&opened, &name, None)?)
         } else {
             None
         };
@@ -113,7 +114,22 @@ impl Bus {
         topic: &Topic<H, E>,
     ) -> Result<Subscriber<H, E>, BusError> {
         self.plan_of(topic.name())?;
-        Subscriber::new(self, &self.open_topic::<H, E>(topic.name())?, topic.name(), None)
+        self.read(&self.open_topic::<H, E>(topic.name())?, topic.name(), None)
+    }
+
+    /// Opens a topic for reading by a task of another runtime than this bus's loop: nothing wakes the
+    /// loop; the task waits for [`Subscriber::descriptor`] and begins its turns itself.
+    ///
+    /// # Errors
+    /// If the topic is not in the plan or cannot be opened within a second.
+    pub fn subscriber_of_task<H: Header, E: Element>(
+        &self,
+        topic: &Topic<H, E>,
+    ) -> Result<Subscriber<H, E>, BusError> {
+        self.plan_of(topic.name())?;
+        let opened = self.open_topic::<H, E>(topic.name())?;
+        let doorbell = |listener| Ok(Arc::new(Doorbell::new(listener, &Arc::default())));
+        Subscriber::new(&opened, topic.name(), None, doorbell)
     }
 
     /// Opens a topic for reading by the reader that a lossless publisher waits for: fusion for scans,
@@ -150,7 +166,16 @@ impl Bus {
         } else {
             None
         };
-        Subscriber::new(self, &opened, topic.name(), credit)
+        self.read(&opened, topic.name(), credit)
+    }
+
+    fn read<H: Header, E: Element>(
+        &self,
+        opened: &Opened<H, E>,
+        topic: &str,
+        credit: Option<(Publisher<BytesHeader, u64>, u64)>,
+    ) -> Result<Subscriber<H, E>, BusError> {
+        Subscriber::new(opened, topic, credit, |listener| self.events.listen(listener))
     }
 
     fn plan_of(&self, topic: &str) -> Result<&TopicPlan, BusError> {
@@ -173,13 +198,13 @@ impl Bus {
 }
 
 impl<H: Header, E: Element> Opened<H, E> {
-    pub(crate) fn notifier(&self, topic: &str) -> Result<Notifier<ipc::Service>, BusError> {
+    pub(crate) fn notifier(&self, topic: &str) -> Result<Notifier<Ipc>, BusError> {
         retry("a notifier", topic, || {
             self.event.notifier_builder().default_event_id(EventId::new(EVENT_DATA)).create()
         })
     }
 
-    pub(crate) fn listener(&self, topic: &str) -> Result<Listener<ipc::Service>, BusError> {
+    pub(crate) fn listener(&self, topic: &str) -> Result<Listener<Ipc>, BusError> {
         retry("a listener", topic, || self.event.listener_builder().create())
     }
 }
@@ -187,12 +212,11 @@ impl<H: Header, E: Element> Opened<H, E> {
 /// What keeps a created topic alive.
 pub(crate) type KeptAlive = Box<dyn std::any::Any>;
 /// [`create_topic`] with its types filled in.
-pub(crate) type CreateTopic =
-    fn(&Node<ipc::Service>, &TopicPlan, usize) -> Result<KeptAlive, BusError>;
+pub(crate) type CreateTopic = fn(&Node<Ipc>, &TopicPlan, usize) -> Result<KeptAlive, BusError>;
 
 /// Creates a topic; only the owner does.
 pub(crate) fn create_topic<H: Header, E: Element>(
-    node: &Node<ipc::Service>,
+    node: &Node<Ipc>,
     plan: &TopicPlan,
     node_slots: usize,
 ) -> Result<KeptAlive, BusError> {

@@ -15,9 +15,9 @@ use crate::logging;
 use crate::name_lock::{NameLock, NameTaken};
 use crate::node::{create_node, iceoryx_config_text};
 use crate::plan::{Plan, TopicPlan};
-use crate::ports::BusError;
+use crate::ports::{BusError, Ipc};
 use crate::state_lock::{StateError, StateLock};
-use iceoryx2::prelude::{Node, ipc};
+use iceoryx2::prelude::Node;
 use protocol::site::{Pace, Site, Source};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
@@ -101,7 +101,7 @@ pub struct Owner {
     site: Site,
     // Dropped in this order: services, then the node, then (in `Drop`) the files, then the lock.
     factories: Vec<KeptAlive>,
-    node: Option<Node<ipc::Service>>,
+    node: Option<Node<Ipc>>,
     lock: File,
     _name: NameLock,
     state_lock: Option<StateLock>,

@@ -1,10 +1,11 @@
 //! A listener of a topic in an event loop, and the turns that a loop gives to data.
 
+use crate::ports::Ipc;
 use iceoryx2::port::listener::Listener;
-use iceoryx2::prelude::{FileDescriptorBased, ipc};
-use std::cell::Cell;
+use iceoryx2::prelude::FileDescriptorBased;
 use std::os::fd::BorrowedFd;
-use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Event id of "there is data".
 pub(crate) const EVENT_DATA: usize = 0;
@@ -14,61 +15,96 @@ pub(crate) const EVENT_HELLO: usize = 1;
 /// Messages of one subscriber between two waits. At the slowest that was measured, 20 ms a frame, that
 /// is 1.3 s; at the fastest, microseconds a message, a wait costs little against 64 of them.
 const MESSAGES_A_TURN: u64 = 64;
-/// A listener that was put into a loop.
+
+/// A listener that wakes a loop, or a task. Loop and subscriber are one thread, or one task: nothing
+/// here is ordered against anything else, so all of it is relaxed.
 #[derive(Debug)]
 pub(crate) struct Doorbell {
-    listener: Listener<ipc::Service>,
-    hello: Cell<bool>,
-    turn: Rc<Turn>,
-    turn_seen: Cell<u64>,
-    taken: Cell<u64>,
+    listener: Listener<Ipc>,
+    hello: AtomicBool,
+    turn: Arc<Turn>,
+    turn_seen: AtomicU64,
+    taken: AtomicU64,
 }
 
 /// Whose turn it is: the data's, or everything else's. A reader that is slower than its publisher would
 /// otherwise never come back to its signals, deadlines and health.
 #[derive(Debug, Default)]
 pub(crate) struct Turn {
+    number: AtomicU64,
+    unfinished: AtomicBool,
+}
+
+impl Turn {
     /// Number of waits so far.
-    pub(crate) number: Cell<u64>,
-    /// Somebody had to leave messages behind in this turn.
-    pub(crate) unfinished: Cell<bool>,
+    pub(crate) fn number(&self) -> u64 {
+        self.number.load(Ordering::Relaxed)
+    }
+
+    /// A wait is over.
+    pub(crate) fn begin(&self) {
+        self.number.store(self.number() + 1, Ordering::Relaxed);
+    }
+
+    /// True once after somebody had to leave messages behind in a turn.
+    pub(crate) fn take_unfinished(&self) -> bool {
+        let unfinished = self.unfinished.load(Ordering::Relaxed);
+        self.unfinished.store(false, Ordering::Relaxed);
+        unfinished
+    }
 }
 
 impl Doorbell {
-    pub(crate) fn new(listener: Listener<ipc::Service>, turn: &Rc<Turn>) -> Self {
+    pub(crate) fn new(listener: Listener<Ipc>, turn: &Arc<Turn>) -> Self {
         Self {
             listener,
-            hello: Cell::new(true),
-            turn: Rc::clone(turn),
-            turn_seen: Cell::new(0),
-            taken: Cell::new(0),
+            hello: AtomicBool::new(true),
+            turn: Arc::clone(turn),
+            turn_seen: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
         }
     }
 
     /// True if one more message may be taken before the next wait; if not, that wait will return at
     /// once, with `data`.
     pub(crate) fn may_take(&self) -> bool {
-        if self.turn_seen.replace(self.turn.number.get()) != self.turn.number.get() {
-            self.taken.set(0);
+        let turn = self.turn.number();
+        if self.turn_seen.load(Ordering::Relaxed) != turn {
+            self.turn_seen.store(turn, Ordering::Relaxed);
+            self.taken.store(0, Ordering::Relaxed);
         }
-        if self.taken.get() >= MESSAGES_A_TURN {
-            self.turn.unfinished.set(true);
+        let taken = self.taken.load(Ordering::Relaxed);
+        if taken >= MESSAGES_A_TURN {
+            self.turn.unfinished.store(true, Ordering::Relaxed);
             return false;
         }
-        self.taken.set(self.taken.get() + 1);
+        self.taken.store(taken + 1, Ordering::Relaxed);
         true
     }
 
     /// True once after a new port of the topic said hello.
     pub(crate) fn take_hello(&self) -> bool {
-        self.hello.replace(false)
+        let hello = self.hello.load(Ordering::Relaxed);
+        self.hello.store(false, Ordering::Relaxed);
+        hello
+    }
+
+    /// Of a task: silences it and begins a turn.
+    pub(crate) fn begin_turn(&self) {
+        self.empty();
+        self.turn.begin();
+    }
+
+    /// Of a task: true once if messages were left behind in this turn.
+    pub(crate) fn take_unfinished(&self) -> bool {
+        self.turn.take_unfinished()
     }
 
     pub(crate) fn empty(&self) {
         // An interrupted or failed drain leaves the descriptor readable: the next wait tries again.
         let _ = self.listener.try_wait(|activation| {
             if activation.id.as_value() == EVENT_HELLO {
-                self.hello.set(true);
+                self.hello.store(true, Ordering::Relaxed);
             }
         });
     }

@@ -6,8 +6,8 @@
 
 use crate::clock::monotonic_ns;
 use crate::doorbell::{Doorbell, Turn};
+use crate::ports::Ipc;
 use iceoryx2::port::listener::Listener;
-use iceoryx2::prelude::ipc;
 use rustix::buffer::spare_capacity;
 use rustix::event::epoll;
 use rustix::io::{Errno, read};
@@ -20,7 +20,8 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::rc::{Rc, Weak};
+use std::rc::Rc;
+use std::sync::{Arc, Weak};
 
 /// SIGHUP, SIGINT and SIGTERM as Linux numbers them on all its architectures.
 const STOP_SIGNALS: [i32; 3] = [SIGHUP, 2, 15];
@@ -94,7 +95,7 @@ struct Inner {
     slots: RefCell<Vec<Slot>>,
     ready: RefCell<VecDeque<Token>>,
     events: RefCell<Vec<epoll::Event>>,
-    turn: Rc<Turn>,
+    turn: Arc<Turn>,
 }
 
 impl std::fmt::Debug for Inner {
@@ -148,7 +149,7 @@ impl EventLoop {
             slots: RefCell::new(Vec::new()),
             ready: RefCell::new(VecDeque::new()),
             events: RefCell::new(Vec::with_capacity(EVENTS_MAX)),
-            turn: Rc::default(),
+            turn: Arc::default(),
         };
         Ok(Self { inner: Rc::new(inner) })
     }
@@ -164,7 +165,7 @@ impl EventLoop {
         let inner = &*self.inner;
         let due = |now| deadline_mono_ns.is_some_and(|deadline| deadline <= now);
         let untold = inner.stop.get() && !inner.stop_told.get();
-        let unfinished = inner.turn.unfinished.take();
+        let unfinished = inner.turn.take_unfinished();
         let at_once =
             untold || unfinished || !inner.ready.borrow().is_empty() || due(monotonic_ns());
         if !at_once {
@@ -178,7 +179,7 @@ impl EventLoop {
             Ok(_) | Err(Errno::INTR) => {}
             Err(error) => return Err(error.into()),
         }
-        inner.turn.number.set(inner.turn.number.get() + 1);
+        inner.turn.begin();
         for event in events.iter() {
             self.take_note(event.data.u64(), &mut wake);
         }
@@ -286,7 +287,7 @@ impl EventLoop {
     /// How often the process woke: the measure of "nothing polls".
     #[must_use]
     pub fn wakes(&self) -> u64 {
-        self.inner.turn.number.get()
+        self.inner.turn.number()
     }
 
     /// Stops the loop when `fd` becomes readable: the pidfd of the owner.
@@ -299,9 +300,9 @@ impl EventLoop {
         Ok(())
     }
 
-    pub(crate) fn listen(&self, listener: Listener<ipc::Service>) -> io::Result<Rc<Doorbell>> {
-        let doorbell = Rc::new(Doorbell::new(listener, &self.inner.turn));
-        let slot = Slot::Doorbell(Rc::downgrade(&doorbell));
+    pub(crate) fn listen(&self, listener: Listener<Ipc>) -> io::Result<Arc<Doorbell>> {
+        let doorbell = Arc::new(Doorbell::new(listener, &self.inner.turn));
+        let slot = Slot::Doorbell(Arc::downgrade(&doorbell));
         self.insert(doorbell.descriptor(), epoll::EventFlags::IN, slot)?;
         Ok(doorbell)
     }

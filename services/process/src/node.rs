@@ -1,12 +1,11 @@
 //! The iceoryx2 node of a process, and the configuration that all nodes of an instance share.
 
 use crate::instance::Instance;
-use iceoryx2::prelude::{
-    Config, FilePath, Node, NodeBuilder, SemanticString, SignalHandlingMode, ipc,
-};
+use crate::ports::Ipc;
+use iceoryx2::prelude::{Config, FilePath, Node, NodeBuilder, SemanticString, SignalHandlingMode};
 
 /// A node of ours: signals are our business, and so is sweeping up.
-pub(crate) fn create_node(instance: &Instance) -> Result<Node<ipc::Service>, String> {
+pub(crate) fn create_node(instance: &Instance) -> Result<Node<Ipc>, String> {
     let path = instance.iceoryx_config();
     let path = FilePath::new(path.as_os_str().as_encoded_bytes())
         .map_err(|error| format!("{}: {error:?}", path.display()))?;
@@ -18,7 +17,7 @@ pub(crate) fn create_node(instance: &Instance) -> Result<Node<ipc::Service>, Str
     NodeBuilder::new()
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .config(&config)
-        .create::<ipc::Service>()
+        .create::<Ipc>()
         .map_err(|error| error.to_string())
 }
 

@@ -5,6 +5,10 @@ use bytemuck::Pod;
 use iceoryx2::prelude::ZeroCopySend;
 use protocol::wire::Header;
 
+/// How processes share memory, with ports that may go to another thread: the bridge receives and sends
+/// on those of zenoh. Same layout as `ipc`: what is read from elsewhere may use that.
+pub(crate) type Ipc = iceoryx2::prelude::ipc_threadsafe::Service;
+
 /// A number that a payload may consist of.
 pub trait Element: Pod + ZeroCopySend + std::fmt::Debug + Default {}
 impl Element for u8 {}

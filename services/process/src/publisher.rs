@@ -5,12 +5,12 @@ use crate::clock::monotonic_ns;
 use crate::credit::CreditAccount;
 use crate::doorbell::EVENT_HELLO;
 use crate::plan::{LOANS_MAX, TopicPlan};
-use crate::ports::{BusError, Element, Wire};
+use crate::ports::{BusError, Element, Ipc, Wire};
 use crate::subscriber::Subscriber;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::port::{DegradationAction, LoanError};
-use iceoryx2::prelude::{EventId, ipc};
+use iceoryx2::prelude::EventId;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use protocol::wire::{BytesHeader, Header};
 use std::mem::MaybeUninit;
@@ -33,8 +33,8 @@ pub struct Sent {
 /// The sending end of a topic.
 #[derive(Debug)]
 pub struct Publisher<H: Header, E: Element> {
-    port: iceoryx2::port::publisher::Publisher<ipc::Service, [E], Wire<H>>,
-    notifier: Notifier<ipc::Service>,
+    port: iceoryx2::port::publisher::Publisher<Ipc, [E], Wire<H>>,
+    notifier: Notifier<Ipc>,
     topic: String,
     payload_len_max: usize,
     source: u32,
@@ -177,7 +177,7 @@ impl<H: Header, E: Element> Publisher<H, E> {
 
 /// A message that is being filled. Dropped without [`Loan::send`], it was never there.
 pub struct Loan<'p, H: Header, E: Element> {
-    message: SampleMutUninit<ipc::Service, [MaybeUninit<E>], Wire<H>>,
+    message: SampleMutUninit<Ipc, [MaybeUninit<E>], Wire<H>>,
     publisher: &'p mut Publisher<H, E>,
 }
 

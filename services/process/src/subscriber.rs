@@ -1,23 +1,24 @@
 //! Receiving: a message where it was written, and the count of those that never came.
 
-use crate::bus::{Bus, Opened};
+use crate::bus::Opened;
 use crate::credit::{FinishedTable, Receipt};
 use crate::doorbell::Doorbell;
 use crate::loss::{LossCounter, Losses};
-use crate::ports::{BusError, Element, Wire};
+use crate::ports::{BusError, Element, Ipc, Wire};
 use crate::publisher::Publisher;
+use iceoryx2::port::listener::Listener;
 use iceoryx2::port::{DegradationAction, ReceiveError};
-use iceoryx2::prelude::ipc;
 use protocol::wire::{BytesHeader, FLAG_END_OF_STREAM, Header};
-use std::rc::Rc;
+use std::io;
+use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The receiving end of a topic.
 #[derive(Debug)]
 pub struct Subscriber<H: Header, E: Element> {
-    port: iceoryx2::port::subscriber::Subscriber<ipc::Service, [E], Wire<H>>,
-    doorbell: Rc<Doorbell>,
+    port: iceoryx2::port::subscriber::Subscriber<Ipc, [E], Wire<H>>,
+    doorbell: Arc<Doorbell>,
     topic: String,
     losses: LossCounter,
     connections_failed: Arc<AtomicU64>,
@@ -44,18 +45,16 @@ impl Credit {
 
 impl<H: Header, E: Element> Subscriber<H, E> {
     pub(crate) fn new(
-        bus: &Bus,
         opened: &Opened<H, E>,
         topic: &str,
         credit: Option<(Publisher<BytesHeader, u64>, u64)>,
+        watch: impl FnOnce(Listener<Ipc>) -> io::Result<Arc<Doorbell>>,
     ) -> Result<Self, BusError> {
         let connections_failed = Arc::new(AtomicU64::new(0));
         let counter = Arc::clone(&connections_failed);
         // The bell before the port: what is published in between rings.
         let listener = opened.listener(topic)?;
-        let doorbell = bus
-            .events()
-            .listen(listener)
+        let doorbell = watch(listener)
             .map_err(|source| BusError::System { action: "watch a topic", source })?;
         let port = opened
             .data
@@ -123,6 +122,23 @@ impl<H: Header, E: Element> Subscriber<H, E> {
         }
     }
 
+    /// Readable when there may be something to receive; for who opened it for a task
+    /// ([`crate::Bus::subscriber_of_task`]).
+    #[must_use]
+    pub fn descriptor(&self) -> BorrowedFd<'_> {
+        self.doorbell.descriptor()
+    }
+
+    /// Silences the descriptor and begins a turn of at most 64 messages; for who opened it for a task.
+    pub fn begin_turn(&self) {
+        self.doorbell.begin_turn();
+    }
+
+    /// True once if the turn left messages behind: nothing will ring for them.
+    pub fn take_unfinished(&self) -> bool {
+        self.doorbell.take_unfinished()
+    }
+
     /// Says that a message, and all before it of its source, is done with, so that a lossless
     /// publisher may send more. Does nothing without credit.
     pub fn finish(&mut self, receipt: &Receipt) {
@@ -156,7 +172,7 @@ impl<H: Header, E: Element> Subscriber<H, E> {
 /// [`crate::plan::BORROWED_MAX`].
 #[derive(Debug)]
 pub struct Sample<H: Header, E: Element> {
-    message: iceoryx2::sample::Sample<ipc::Service, [E], Wire<H>>,
+    message: iceoryx2::sample::Sample<Ipc, [E], Wire<H>>,
 }
 
 impl<H: Header, E: Element> Sample<H, E> {

@@ -130,28 +130,4 @@ impl Link {
             Err(error) => tracing::warn!("a page of a file is not sent: {error}"),
         }
     }
-
-    /// From here on the scans of this stream come, or come no more: an area moved.
-    pub fn listen(&mut self, stream: usize, listens: bool, inbox: &Arc<Inbox<Asker>>) {
-        if !listens {
-            self.listening.remove(&stream);
-            return;
-        }
-        let Some(Some(key)) = self.streams.get(stream).cloned() else { return };
-        if self.listening.contains_key(&stream) {
-            return;
-        }
-        let put = Arc::clone(inbox);
-        let declared = self
-            .session
-            .declare_subscriber(key)
-            .callback(move |sample| {
-                take(&sample, super::SCAN_BYTES_MAX, &put, |i, b| i.scan(stream, b));
-            })
-            .wait();
-        match declared {
-            Ok(subscriber) => drop(self.listening.insert(stream, subscriber)),
-            Err(error) => tracing::error!("cannot listen to scans: {error}"),
-        }
-    }
 }

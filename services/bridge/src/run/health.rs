@@ -17,20 +17,20 @@ impl Bridge {
             return;
         }
         self.looked_ns = now_ns;
+        let scans = self.count_scans();
+        let misrouted = self.counters.misrouted.count + scans.misrouted;
         let health = &mut worker.health;
         let (dropped, counters) = (self.inbox.dropped(), &self.counters);
-        let lost = self.incoming.iter().map(|incoming| incoming.losses.total().lost).sum();
         let remotes = self.remote.iter().flatten();
         let not_there: u64 = remotes.map(RemoteHost::refused).sum();
         let foreign = self.followed.iter().map(|followed| followed.follower.foreign()).sum();
         let repeated = self.followed.iter().map(|followed| followed.follower.repeated()).sum();
         for (name, total) in [
-            ("scans_out", counters.scans_out),
-            ("scans_in", counters.scans_in),
-            ("scans_lost", lost),
-            ("scans_dropped", dropped.scans),
-            ("scans_refused", counters.scans_refused),
-            ("messages_refused_misrouted", counters.misrouted.count),
+            ("scans_out", scans.sent),
+            ("scans_in", scans.came),
+            ("scans_lost", scans.lost),
+            ("scans_refused", scans.refused),
+            ("messages_refused_misrouted", misrouted),
             ("health_dropped", dropped.health),
             ("health_refused", counters.health_refused + not_there),
             ("events_out", counters.events_out),
@@ -50,14 +50,14 @@ impl Bridge {
         health.set_count("maps_dropped", dropped.maps);
         health.gauge("maps_wanted", self.maps.wanted() as f64);
         let lately = |last: &&(u64, String)| now_ns.saturating_sub(last.0) < MISROUTED_QUIET_NS;
-        let misrouted = counters.misrouted.last.as_ref().filter(lately).map(|(_, last)| {
+        let fault = counters.misrouted.last.as_ref().filter(lately).map(|(_, last)| {
             format!(
                 "{} messages came under the key of somebody else, nothing of them was taken; the last one: \
                  {last}. A host that lies, or a network that confuses: restart this host if it stays",
-                counters.misrouted.count
+                misrouted
             )
         });
-        health.set_fault("misrouted", misrouted);
+        health.set_fault("misrouted", fault);
         let fault = self
             .teller
             .fault(now_ns)
