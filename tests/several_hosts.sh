@@ -10,7 +10,7 @@ cd "$(dirname "$0")/.."
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 # One at a time: each has the machine for itself.
-for suite in lan overhead standby intruder clients two_hosts_say; do
+for suite in lan overhead standby intruder clients three_hosts_say; do
     echo "== $suite" | tee -a "$log" >&2
     cargo test --workspace --quiet --test system -- --nocapture --test-threads 1 "$suite" >>"$log" 2>&1 ||
         { cat "$log" >&2; exit 1; }
@@ -31,4 +31,4 @@ row "a scan to another host" 'a scan of 181 beams'
 row "an area back at its standby" 'back after ms'
 row "an area handed over" 'handed over after'
 row "intruders" 'refused|unauthorised'
-row "one host and two, the same classes" 'frames compared'
+row "one host and three, the same classes" 'frames compared'

@@ -16,17 +16,18 @@ use std::net::TcpListener;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 
-/// Two endpoints that nobody listens on.
-fn hosts() -> String {
-    let listeners = [0, 1].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
-    let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
-    let host = |id: &str, port: u16, desk: bool| {
+/// These hosts and a desk, each with an endpoint that nobody listens on.
+fn hosts<const N: usize>(ids: [&str; N]) -> String {
+    let listen = |id: &str| (id.to_owned(), TcpListener::bind("127.0.0.1:0").unwrap());
+    // All ports are held until all are known, else two hosts might get the same.
+    let held: Vec<_> = ids.into_iter().chain(["desk"]).map(listen).collect();
+    let host = |(id, listener): &(String, TcpListener)| {
+        let (endpoint, desk) = (listener.local_addr().unwrap(), id == "desk");
         format!(
-            "[[host]]\nid = \"{id}\"\nendpoint = \"127.0.0.1:{port}\"\n\
-             transport = \"plain-tcp\"\ndesk = {desk}\n\n"
+            "[[host]]\nid = \"{id}\"\nendpoint = \"{endpoint}\"\ntransport = \"plain-tcp\"\ndesk = {desk}\n\n"
         )
     };
-    host("edge", ports[0], false) + &host("desk", ports[1], true)
+    held.iter().map(host).collect()
 }
 
 /// `hall` runs on `edge` with its laser; `room` on the desk, and its laser on `edge`.
@@ -45,7 +46,7 @@ pub(super) fn two_hosts() -> String {
     };
     [
         "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned(),
-        hosts(),
+        hosts(["edge"]),
         area("hall", "edge"),
         area("room", "desk"),
         laser("south", "hall", "x_m = 4.6\ny_m = 0.2\nyaw_deg = 90"),
@@ -157,26 +158,28 @@ fn a_desk_that_was_away_is_given_what_happened_meanwhile() {
     edge.stop();
 }
 
-/// What was recorded, as several hosts replay it: two of the four lasers on `edge`.
+/// What was recorded, as three hosts replay it: two of the four lasers on `edge`, two on `wing`, and the
+/// area at the desk.
 fn replayed(made: &str) -> String {
     let mut text = made
         .replace("pace = \"lossless\"", "pace = \"real_time\"")
         .replace("timescales_s = [1, 4, 12]", "timescales_s = [1, 2, 4]\nlateness_max_ms = 5000")
-        .replace("[[area]]\n", &format!("{}[[area]]\nhost = \"desk\"\n", hosts()));
-    for laser in ["south", "west"] {
+        .replace("[[area]]\n", &format!("{}[[area]]\nhost = \"desk\"\n", hosts(["edge", "wing"])));
+    for (laser, host) in [("south", "edge"), ("west", "edge"), ("north", "wing"), ("east", "wing")]
+    {
         let line = format!("id = \"{laser}\"\n");
         assert_eq!(text.matches(&line).count(), 1, "{text}");
-        text = text.replace(&line, &format!("{line}host = \"edge\"\n"));
+        text = text.replace(&line, &format!("{line}host = \"{host}\"\n"));
     }
     text
 }
 
-/// Two hosts replay in step with time, so a host that stalls for more than `lateness_max_ms` (here 5 s)
+/// Three hosts replay in step with time, so a host that stalls for more than `lateness_max_ms` (here 5 s)
 /// leaves out frames or scans of frames. So: frames that did not come are allowed, up to half of them;
 /// every frame that came must be the same in every cell, once the longest timescale (4 s) has passed
 /// since the first that came.
 #[test]
-fn two_hosts_say_the_same_classes_as_one_on_the_same_scans() {
+fn three_hosts_say_the_same_classes_as_one_on_the_same_scans() {
     let scratch = support::scratch();
     let recording = scratch.path().join("room.mcap");
     let toml = replayed(&made::room(&recording, 14));
@@ -207,7 +210,7 @@ fn two_hosts_say_the_same_classes_as_one_on_the_same_scans() {
     let events = EventLoop::new().unwrap();
     let bus = Bus::open(&instance, &events).unwrap();
     let mut maps = bus.subscriber(&topic::classes("hall", cells)).unwrap();
-    let mut edge = start(&toml, "edge", &["--replay-at", &at]);
+    let [edge, wing] = ["edge", "wing"].map(|host| start(&toml, host, &["--replay-at", &at]));
     let mut several = BTreeMap::<u64, Vec<u8>>::new();
     let mut ended = false;
     let begin = Instant::now();
@@ -242,7 +245,7 @@ fn two_hosts_say_the_same_classes_as_one_on_the_same_scans() {
     let (code, log) = desk.wait_end();
     assert_eq!(code, Some(0), "{log}");
     assert!(log.contains("the recording is over"), "{log}");
-    edge.stop();
+    [edge, wing].into_iter().for_each(|mut site| drop(site.stop()));
 }
 
 /// Whoever may speak as a host may not bring down a bridge by it either.
