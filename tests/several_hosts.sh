@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The figures of several hosts, as a table (Markdown). Builds and runs the tests that measure them; needs
-# root and `ip` for network namespaces, else those lines are missing.
+# The figures of several hosts, as a table (Markdown). Builds and runs the tests that measure them; hosts
+# are network namespaces where root and `ip` are there, else all on loopback, where no bytes are counted.
 #
 #   tests/several_hosts.sh            a few minutes: 4 cuts, 5 s of scans
 #   tests/several_hosts.sh nightly    half an hour: 50 cuts of 1, 10 and 60 s, 10 minutes of scans

@@ -8,9 +8,9 @@
 //! | `events`, `feed` | who tells is killed while there is something to tell |
 //! | `removed` | files of a site that runs are removed; a second site on its state |
 //! | `recorder` | a recorder that is killed, or has no room |
-//! | `bridge` | two hosts: bridges that are killed, a desk that was away |
+//! | `bridge` | two hosts: bridges that are killed, a desk that was away; three say what one says |
 //! | `clients` | programs in Python that share no code with us |
-//! | `lan` | three hosts in network namespaces: links that are cut, four lasers at 75 Hz |
+//! | `lan` | three hosts, links that are cut, four lasers at 75 Hz |
 //! | `look` | the ways to look at a running site: the building, Prometheus, a terminal |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |

@@ -7,6 +7,7 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on shall say where
 
 mod lan;
+mod loopback;
 mod process;
 mod random;
 mod running;
@@ -131,9 +132,9 @@ impl Setup {
         self
     }
 
-    /// In a network namespace, by its name: see [`Lan`].
-    pub fn namespace(mut self, name: &str) -> Self {
-        self.namespace = Some(name.to_owned());
+    /// On a host of a network.
+    pub fn on(mut self, lan: &Lan, host: &str) -> Self {
+        self.namespace = lan.namespace(host);
         self
     }
 
