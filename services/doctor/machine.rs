@@ -25,9 +25,12 @@ pub(super) fn checks(patient: &Patient<'_>) -> Vec<Check> {
         vec![run_directory(patient), shared_memory(patient), state(patient), logout(), clock()];
     if let Some(host) = patient.host.filter(|_| patient.site.has_bridges()) {
         checks.push(certificates(patient, host));
-        checks.push(port(patient, host));
-        let others = patient.site.hosts.iter().filter(|other| other.id != host.id);
-        checks.extend(others.map(peer));
+        if host.through.is_empty() {
+            checks.push(port(patient, host));
+        }
+        // Nobody listens at a client.
+        let others = patient.site.hosts.iter().filter(|other| other.through.is_empty());
+        checks.extend(others.filter(|other| host.has_link_to(other)).map(peer));
     }
     checks
 }

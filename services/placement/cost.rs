@@ -87,10 +87,30 @@ pub struct Stream<'s> {
 }
 
 /// Every host with every other one.
-pub fn pairs(site: &Site) -> impl Iterator<Item = (&Host, &Host)> {
+fn all_pairs(site: &Site) -> impl Iterator<Item = (&Host, &Host)> {
     site.hosts.iter().flat_map(move |from| {
         site.hosts.iter().filter(move |to| to.id != from.id).map(move |to| (from, to))
     })
+}
+
+/// Every host with every other one that it has a link to.
+pub fn pairs(site: &Site) -> impl Iterator<Item = (&Host, &Host)> {
+    all_pairs(site).filter(|(from, to)| from.has_link_to(to))
+}
+
+/// The hosts on the way from one to another, both included: of a desk that goes through others, the first
+/// of those.
+fn way<'s>(site: &'s Site, from: &'s str, to: &'s str) -> Vec<&'s str> {
+    let router = |id: &str| site.host(id)?.through.first().map(String::as_str);
+    let mut way = vec![from];
+    let linked = site.host(from).zip(site.host(to)).is_none_or(|(from, to)| from.has_link_to(to));
+    if !linked {
+        way.extend(router(from));
+        way.extend(router(to).filter(|router| way.last() != Some(router)));
+    }
+    way.push(to);
+    way.dedup();
+    way
 }
 
 /// A site, and what its lasers send.
@@ -119,18 +139,23 @@ impl<'s> Costs<'s> {
         streams.extend(self.maps());
         let site = self.site;
         let head = encoded(&EventPage { host: "host-name".to_owned(), ..EventPage::default() });
-        for (from, to) in pairs(site).filter(|(_, to)| to.desk) {
+        for (from, to) in all_pairs(site).filter(|(_, to)| to.desk) {
             let what = "events, none lost".to_owned();
             streams.push(self.stream(&from.id, &to.id, what, head + 20, 1.0));
         }
-        for (from, to) in pairs(site) {
+        for (from, to) in all_pairs(site) {
             let processes = Role::all(site, Some(&from.id)).len() as f64;
             let health =
                 self.stream(&from.id, &to.id, "health".to_owned(), HEALTH_BYTES, processes);
             streams.push(health);
         }
         streams.extend(self.standby());
-        streams
+        let hops = |stream: &Stream<'s>| {
+            let way = way(site, stream.from, stream.to);
+            let hop = |hop: &[&'s str]| Stream { from: hop[0], to: hop[1], ..stream.clone() };
+            way.windows(2).map(hop).collect::<Vec<_>>()
+        };
+        streams.iter().flat_map(hops).collect()
     }
 
     fn stream(

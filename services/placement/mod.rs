@@ -200,6 +200,7 @@ fn json(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
             "transport": host.transport,
             "desk": host.desk,
             "follows": host.follows,
+            "through": host.through,
             "cores": host.cores,
             "cores_busy": costs.cores(streams, Some(&host.id), false),
             "cores_busy_with_standbys": costs.cores(streams, Some(&host.id), true),
@@ -238,7 +239,11 @@ fn text(site: &Site, costs: &Costs<'_>, streams: &[Stream<'_>]) -> String {
     // Writing to a String cannot fail.
     for host in &site.hosts {
         let (plan, roles) = plan_of(site, host);
-        let desk = if host.desk { ", a desk" } else { "" };
+        let desk = match host.through.as_slice() {
+            [] if host.desk => ", a desk".to_owned(),
+            [] => String::new(),
+            routers => format!(", a desk through {}", routers.join(" or ")),
+        };
         let _ = writeln!(
             text,
             "host {}, {}{desk}: `tog run --host {}` would start {} processes, {:.1} MB of shared \

@@ -72,6 +72,27 @@ pub(super) fn of(rows: Vec<(u64, EventChange)>) -> Vec<EventChange> {
     rows.into_iter().map(|(_, change)| change).collect()
 }
 
+/// Compares what an area (`origin`) of a host has in its journal there with what the host `desk` has of
+/// it, once that is as long. How many changes.
+pub(super) fn assert_the_desk_has_all(
+    (site, host, origin): (&Site, &str, &str),
+    desk: &Site,
+) -> usize {
+    let sent = of(journal_of(site, host, origin));
+    let begin = Instant::now();
+    let rows = loop {
+        let rows = of(journal_of(desk, "desk", origin));
+        if rows.len() >= sent.len() {
+            break rows;
+        }
+        assert!(begin.elapsed() < WATCHDOG, "{} of {}", rows.len(), sent.len());
+        desk.log().wait_a_moment(Duration::from_millis(5));
+    };
+    assert_eq!(rows, sent, "content and order");
+    assert_whole(&(1..).zip(rows).collect::<Vec<_>>());
+    sent.len()
+}
+
 #[test]
 fn a_desk_has_every_event_of_another_host_once_and_in_order_although_the_bridges_are_killed() {
     let mut random = Random::from_environment();

@@ -1,7 +1,7 @@
 //! Three hosts in a network whose links can be cut: two with lasers, one that watches.
 
-use super::bridge::{journal_of, of};
-use super::feed::{Desk, assert_whole};
+use super::bridge::assert_the_desk_has_all;
+use super::feed::Desk;
 use certificates::Identity;
 use harness::{
     Lan, Random, Scratch, Setup, Site, WATCHDOG, count, cpu_s, find, is_nightly, resident_kb,
@@ -126,19 +126,7 @@ impl Building {
 
     /// The journal of `east` and what the desk has of it, once that is as long.
     fn assert_the_desk_has_all(&self) -> usize {
-        let sent = of(journal_of(&self.east, "east", "hall"));
-        let begin = Instant::now();
-        let rows = loop {
-            let rows = of(journal_of(&self.desk, "desk", "hall"));
-            if rows.len() >= sent.len() {
-                break rows;
-            }
-            assert!(begin.elapsed() < WATCHDOG, "{} of {}", rows.len(), sent.len());
-            self.desk.log().wait_a_moment(Duration::from_millis(5));
-        };
-        assert_eq!(rows, sent, "content and order");
-        assert_whole(&(1..).zip(rows).collect::<Vec<_>>());
-        sent.len()
+        assert_the_desk_has_all((&self.east, "east", "hall"), &self.desk)
     }
 
     /// Host, name and process id of every service.

@@ -11,6 +11,7 @@
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away; three say what one says |
 //! | `clients` | programs in Python that share no code with us |
 //! | `lan` | three hosts, links that are cut, four lasers at 75 Hz |
+//! | `router` | a desk that is a client of two hosts |
 //! | `look` | the ways to look at a running site: the building, Prometheus, a terminal |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
@@ -39,6 +40,7 @@ mod look;
 mod overhead;
 mod recorder;
 mod removed;
+mod router;
 mod standby;
 mod systemd;
 mod views;

@@ -66,7 +66,7 @@ impl Eyes {
 }
 
 /// Looks at both until they have `more` further frames and class maps in common, and a collapsed map.
-fn look_at_both(at_home: &mut Eyes, afar: &mut Eyes, more: usize) {
+pub(super) fn look_at_both(at_home: &mut Eyes, afar: &mut Eyes, more: usize) {
     fn common<T>(a: &BTreeMap<u64, T>, b: &BTreeMap<u64, T>, from: u64) -> usize {
         a.range(from..).filter(|(number, _)| b.contains_key(number)).count()
     }
@@ -98,7 +98,11 @@ fn look_at_both(at_home: &mut Eyes, afar: &mut Eyes, more: usize) {
     }
 }
 
-fn assert_equal<T: PartialEq>(what: &str, at_home: &BTreeMap<u64, T>, afar: &BTreeMap<u64, T>) {
+pub(super) fn assert_equal<T: PartialEq>(
+    what: &str,
+    at_home: &BTreeMap<u64, T>,
+    afar: &BTreeMap<u64, T>,
+) {
     for (number, seen) in afar {
         if let Some(known) = at_home.get(number) {
             assert!(known == seen, "{what} {number} differs");

@@ -4,8 +4,8 @@ use super::{Area, ID_PATTERN, Laser, Site};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Most hosts of a site: every bridge holds a link to every other one, and 32 of them are 496
-/// links; more floors are more sites.
+/// Most hosts of a site: every bridge holds a link to every other one (but for clients), and 32 of them are
+/// 496 links; more floors are more sites.
 pub const HOSTS_MAX: usize = 32;
 /// What an endpoint looks like.
 pub(super) const ENDPOINT_PATTERN: &str = r"^(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):[0-9]{1,5}$";
@@ -37,6 +37,10 @@ pub struct Host {
     /// shared memory, as if they ran here.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub follows: Vec<String>,
+    /// Hosts whose bridges this one is a client of, two for when one is lost: it is linked to one of them
+    /// at a time and to nobody else, and nobody dials it. For a desk without areas and lasers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub through: Vec<String>,
 }
 
 fn two_cores() -> u32 {
@@ -66,6 +70,16 @@ pub enum Transport {
     Tls,
     /// TCP as it is: whoever reaches the network reads everything and can speak as any host.
     PlainTcp,
+}
+
+impl Host {
+    /// True if there is a link between the two: all have one but desks that go through others.
+    #[must_use]
+    pub fn has_link_to(&self, other: &Self) -> bool {
+        let direct =
+            |from: &Self, to: &Self| from.through.is_empty() || from.through.contains(&to.id);
+        self.id != other.id && direct(self, other) && direct(other, self)
+    }
 }
 
 impl Area {
@@ -103,6 +117,11 @@ impl Site {
     #[must_use]
     pub fn host(&self, id: &str) -> Option<&Host> {
         self.hosts.iter().find(|host| host.id == id)
+    }
+
+    /// The hosts that are heard only through `router`, in the order of the file.
+    pub fn clients_of<'s>(&'s self, router: &'s str) -> impl Iterator<Item = &'s Host> {
+        self.hosts.iter().filter(move |host| host.through.iter().any(|id| id == router))
     }
 
     /// The same site with everything on one host.

@@ -24,6 +24,18 @@ pub fn said_by(site: &Site, host: &str) -> Vec<String> {
     scans.chain(always).chain(maps).chain(said_of_areas(site, host)).collect()
 }
 
+/// What comes over the link to `host`: what it says, and what its clients say. A router is believed what
+/// it says of the desks behind it, as they believe it what it says of everybody.
+fn said_through(site: &Site, host: &Host, me: &Host) -> Vec<String> {
+    if me.through.contains(&host.id) {
+        let others = site.hosts.iter().filter(|other| other.id != me.id);
+        return others.flat_map(|other| said_by(site, &other.id)).collect();
+    }
+    let clients = site.clients_of(&host.id).filter(|client| client.id != me.id);
+    let ids = [host].into_iter().chain(clients).map(|host| said_by(site, &host.id));
+    ids.flatten().collect()
+}
+
 /// What two hosts that may run an area say to each other.
 fn said_of_areas(site: &Site, host: &str) -> Vec<String> {
     let shared = |area: &&Area| area.standby.is_some() && area.may_run_on(Some(host));
@@ -46,10 +58,9 @@ const ASKS: [&str; 4] =
 /// other host, known by the common name of its certificate, what it may say to us and what we say to it.
 #[must_use]
 pub fn control(site: &Site, me: &Host) -> Value {
-    let own = said_by(site, &me.id);
     let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
-    for other in site.hosts.iter().filter(|host| host.id != me.id) {
-        let theirs = said_by(site, &other.id);
+    for other in site.hosts.iter().filter(|host| me.has_link_to(host)) {
+        let (own, theirs) = (said_through(site, me, other), said_through(site, other, me));
         let parts = [
             ("says", &SAYS, "ingress", &theirs),
             ("asks", &ASKS, "ingress", &own),

@@ -1,6 +1,7 @@
 //! The session with the other bridges: the only file that knows zenoh.
 //!
-//! A peer among peers: every bridge dials those before it in the site file, and is dialled by those
+//! A peer among peers, but for desks that go `through` others: those are clients of these, which are
+//! routers. Peers relay nothing; routers relay what their clients say and ask. Every bridge dials those before it in the site file, and is dialled by those
 //! after it; no scouting, no gossip, nobody relays. A cut link is noticed after 2 s (the lease is
 //! announced, so it must be the same everywhere) and dialled again every 0.5 to 1 s. TCP buffers are
 //! small, so that nothing old sits in the kernel in front of an event.
@@ -29,6 +30,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
+pub use zenoh::Session;
 use zenoh::Wait;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
@@ -49,7 +51,7 @@ pub struct Asker(Query);
 /// The session, and what is sent on it.
 #[derive(Debug)]
 pub struct Link {
-    session: zenoh::Session,
+    session: Session,
     site: String,
     /// This one.
     host: String,
@@ -64,28 +66,19 @@ pub struct Link {
 }
 
 impl Link {
-    /// Opens the session of host `me`: listens, dials those before it in the background, for ever.
-    /// `streams` are the scans that come here.
+    /// Declares what host `me` says and hears in its session. `streams` are the scans that come here.
     /// `areas` are those that this host shares with another one. What comes is put into `inbox`.
-    /// `files` are read where the hosts use TLS.
     ///
     /// # Errors
-    /// If the endpoint cannot be listened on.
+    /// If zenoh refuses a key.
     pub fn open(
         site: &Site,
         me: &Host,
         streams: Vec<Stream>,
         areas: &[String],
         inbox: &Arc<Inbox<Asker>>,
-        files: &Files,
+        session: Session,
     ) -> Result<Self, String> {
-        let failed = |error: zenoh::Error| {
-            let (id, endpoint) = (&me.id, &me.endpoint);
-            format!("host {id} cannot listen on {endpoint}: {error}: is this host {id}?")
-        };
-        let config =
-            zenoh::Config::from_json5(&config(site, me, files).to_string()).map_err(failed)?;
-        let session = zenoh::open(config).wait().map_err(failed)?;
         let others = site.hosts.iter().enumerate().filter(|(_, host)| host.id != me.id);
         for (index, host) in others {
             let key = topic::health_key(&site.name, &host.id);
@@ -163,6 +156,24 @@ impl Link {
     }
 }
 
+/// Opens the session of host `me`: listens, and dials those before it in the background, for ever. A
+/// client dials, and waits until somebody answers. `files` are read where the hosts use TLS.
+///
+/// # Errors
+/// If the endpoint cannot be listened on; of a client, if nobody answers.
+pub fn open(site: &Site, me: &Host, files: &Files) -> Result<Session, String> {
+    let failed = |error: zenoh::Error| {
+        let (id, endpoint) = (&me.id, &me.endpoint);
+        if me.through.is_empty() {
+            format!("host {id} cannot listen on {endpoint}: {error}: is this host {id}?")
+        } else {
+            format!("none of the hosts {} answers: {error}", me.through.join(", "))
+        }
+    };
+    let config = zenoh::Config::from_json5(&config(site, me, files).to_string()).map_err(failed)?;
+    zenoh::open(config).wait().map_err(failed)
+}
+
 /// The hosts that may run an area that this one may run as well.
 fn partners(site: &Site, me: &Host) -> Vec<usize> {
     let shares = |other: &Host| {
@@ -176,7 +187,7 @@ fn partners(site: &Site, me: &Host) -> Vec<usize> {
 
 /// Says something under a key; what finds no room is dropped. Express: not held back for others.
 fn publisher(
-    session: &zenoh::Session,
+    session: &Session,
     key: String,
     priority: Priority,
     is_express: bool,
@@ -192,7 +203,7 @@ fn publisher(
 
 /// Receives what comes on a key; what is too long is counted and left.
 fn receive(
-    session: &zenoh::Session,
+    session: &Session,
     key: String,
     bytes_max: usize,
     inbox: &Arc<Inbox<Asker>>,
@@ -221,7 +232,7 @@ fn take(
 }
 
 /// Lets others ask the journal of this host.
-fn answer(session: &zenoh::Session, key: String, inbox: &Arc<Inbox<Asker>>) -> Result<(), String> {
+fn answer(session: &Session, key: String, inbox: &Arc<Inbox<Asker>>) -> Result<(), String> {
     let inbox = Arc::clone(inbox);
     session
         .declare_queryable(key)
@@ -270,12 +281,25 @@ fn config(site: &Site, me: &Host, files: &Files) -> serde_json::Value {
 }
 
 fn plain_config(site: &Site, me: &Host) -> serde_json::Value {
-    let dialled: Vec<String> =
-        site.hosts.iter().take_while(|host| host.id != me.id).map(locator).collect();
+    let is_client = !me.through.is_empty();
+    let before = site.hosts.iter().take_while(|host| host.id != me.id);
+    let dialled: Vec<String> = if is_client {
+        me.through.iter().filter_map(|id| site.host(id)).map(locator).collect()
+    } else {
+        before.filter(|host| host.through.is_empty()).map(locator).collect()
+    };
+    let is_router = site.clients_of(&me.id).next().is_some();
+    let mode = if is_client {
+        "client"
+    } else if is_router {
+        "router"
+    } else {
+        "peer"
+    };
     json!({
-        "mode": "peer",
+        "mode": mode,
         "metadata": { "host": me.id, "site": site.name },
-        "listen": { "endpoints": [locator(me)] },
+        "listen": { "endpoints": if is_client { Vec::new() } else { vec![locator(me)] } },
         "connect": {
             "endpoints": dialled,
             "retry": {
@@ -321,6 +345,7 @@ mod tests {
             cores: 2,
             network_mbit_s: 1000,
             follows: Vec::new(),
+            through: Vec::new(),
         };
         let mut site: Site = serde_json::from_value(json!({
             "name": "s",

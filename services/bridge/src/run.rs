@@ -5,6 +5,7 @@ mod areas;
 mod health;
 mod maps;
 mod scans;
+mod session;
 
 use areas::Areas;
 use maps::Maps;
@@ -12,13 +13,13 @@ use scans::Arrivals;
 
 use crate::cursor::Shelf;
 use crate::follower::{Follower, Origins};
-use crate::guard::{self, Alarm};
+use crate::guard::Alarm;
 use crate::inbox::{Arrived, Inbox};
-use crate::link::{Asker, Link, Stream};
+use crate::link::{Asker, Link, Session, Stream};
 use crate::remote::RemoteHost;
 use crate::scans::Outgoing;
 use crate::teller::{Tell, Teller};
-use certificates::{Certificate, Files, Identity, common_name};
+use certificates::Certificate;
 use process::{
     Failure, Interest, Publisher, Role, Subscriber, Token, Worker, monotonic_ns, wall_ns,
 };
@@ -38,7 +39,8 @@ use std::sync::Arc;
 /// # Errors
 /// If the endpoint cannot be listened on, or shared memory or the state directory cannot be used.
 pub fn run(worker: &mut Worker) -> Result<(), Failure> {
-    let mut bridge = Bridge::open(worker)?;
+    let Some(session) = session::open(worker)? else { return Ok(()) };
+    let mut bridge = Bridge::open(worker, session)?;
     bridge.begin_areas();
     worker.health.set_state(ServiceState::Running);
     loop {
@@ -121,10 +123,9 @@ struct Bridge {
 }
 
 impl Bridge {
-    fn open(worker: &mut Worker) -> Result<Self, Failure> {
+    fn open(worker: &mut Worker, session: Session) -> Result<Self, Failure> {
         let site = worker.site.clone();
-        let me = worker.instance.host.as_deref().and_then(|id| site.host(id));
-        let me = me.ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))?.clone();
+        let me = session::me(worker, &site)?;
         let Arrivals { streams, of_areas } = Arrivals::open(worker, &site, &me)?;
         let shelf = Shelf::open(&worker.instance.state_dir)?;
         let now_ns = monotonic_ns();
@@ -142,10 +143,9 @@ impl Bridge {
         };
         let inbox = Arc::new(Inbox::new()?);
         let bell = worker.events.watch(inbox.bell(), Interest::Read)?;
-        let files = Files::of(&worker.instance.resolve(&site.tls_dir), &me.id);
-        let certificate = certificate(&site, &me, &files)?;
+        let certificate = session::certificate(&site, &me, &session::files(worker, &me))?;
         let shared = areas::shared_areas(&site, &me);
-        let link = Link::open(&site, &me, streams.clone(), &shared, &inbox, &files)
+        let link = Link::open(&site, &me, streams.clone(), &shared, &inbox, session)
             .map_err(Failure::Failed)?;
         let areas = Areas::open(worker, &me, &shelf, &of_areas)?;
         let maps = Maps::open(worker, &site, &me)?;
@@ -353,22 +353,6 @@ impl Bridge {
             .chain([self.looked_ns + SECOND_NS]);
         due.min().unwrap_or(u64::MAX)
     }
-}
-
-/// The certificate of this host, as it is when the session opens; none where the hosts speak plain TCP.
-fn certificate(site: &Site, me: &Host, files: &Files) -> Result<Option<Certificate>, Failure> {
-    if !site.uses_tls() {
-        return Ok(None);
-    }
-    let others = site.hosts.iter().filter(|host| host.id != me.id);
-    guard::admit(others.map(|host| common_name(&site.name, &host.id)).collect());
-    let identity = Identity::new(&site.name, &me.id, &me.endpoint);
-    let now_s = (wall_ns() / SECOND_NS) as i64;
-    let examined = certificates::examine(files, &identity, now_s).map_err(|problems| {
-        let words: Vec<String> = problems.iter().map(ToString::to_string).collect();
-        Failure::Config(words.join("; "))
-    })?;
-    Ok(Some(examined))
 }
 
 /// The journals of all other hosts, from where the cursors are.

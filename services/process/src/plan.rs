@@ -311,6 +311,7 @@ mod tests {
             cores: 2,
             network_mbit_s: 1000,
             follows: Vec::new(),
+            through: Vec::new(),
         };
         site.hosts = vec![host("edge", 1), host("desk", 2)];
         site.areas[0].host = Some("desk".to_owned());

@@ -37,6 +37,10 @@ pub(super) fn check(
     }
     for host in &hosts {
         follows(host, areas, findings);
+        through(host, &hosts, &ids, findings);
+    }
+    for place in areas.iter().chain(lasers) {
+        not_at_a_client(place, &hosts, findings);
     }
     for area in areas.iter().filter(|area| area.get("host").is_none()) {
         let found = "an area without `host`";
@@ -108,6 +112,61 @@ fn follows(host: &Node<'_>, areas: &[Node<'_>], findings: &mut Vec<Finding>) {
                 Finding::error(&followed, quoted(name), "an area of another host")
                     .message(format!("area {name} may run on {id} itself: its maps are there"))
                     .help("remove it from `follows`"),
+            );
+        }
+    }
+}
+
+fn has_true(host: &Node<'_>, key: &str) -> bool {
+    host.get(key).and_then(|value| value.value.as_bool()).unwrap_or(false)
+}
+
+/// What a host is a client of is another host that is no client itself.
+fn through(host: &Node<'_>, hosts: &[Node<'_>], ids: &[&str], findings: &mut Vec<Finding>) {
+    let routers = host.list("through");
+    let Some(first) = routers.first() else { return };
+    let own = host.text("id").map_or("", |(id, _)| id);
+    if !has_true(host, "desk") {
+        findings.push(
+            Finding::error(first, "`through` at a host that is no desk", "`desk = true`")
+                .message(format!("host {own} is reached through others, and looks at nothing"))
+                .help("write `desk = true` at this host, or remove `through`"),
+        );
+    }
+    for router in &routers {
+        let Some(name) = router.value.as_str() else { continue }; // the schema says so
+        if !ids.contains(&name) {
+            findings.push(unknown(router, name, ("a host", "hosts"), ids));
+            continue;
+        }
+        let named = hosts.iter().find(|host| host.text("id").is_some_and(|(id, _)| id == name));
+        if name == own || named.is_some_and(|host| !host.list("through").is_empty()) {
+            findings.push(
+                Finding::error(router, quoted(name), "another host, without `through`")
+                    .message(format!("host {own} cannot be reached through {name}"))
+                    .help("name hosts that have a link to every other one"),
+            );
+        }
+    }
+    if let [only] = routers.as_slice() {
+        findings.push(
+            Finding::warning(only, "one host", "two hosts")
+                .message(format!("if that is lost, desk {own} hears nothing any more"))
+                .help("name a second one in `through`"),
+        );
+    }
+}
+
+/// Nothing runs at a host that others reach only through others.
+fn not_at_a_client(place: &Node<'_>, hosts: &[Node<'_>], findings: &mut Vec<Finding>) {
+    for key in ["host", "standby"] {
+        let Some((id, node)) = place.text(key) else { continue };
+        let is_it = |host: &&Node<'_>| host.text("id").is_some_and(|(own, _)| own == id);
+        if hosts.iter().find(is_it).is_some_and(|host| !host.list("through").is_empty()) {
+            findings.push(
+                Finding::error(&node, quoted(id), "a host without `through`")
+                    .message(format!("host {id} only looks: areas and lasers run elsewhere"))
+                    .help("name another host, or remove `through` at that one"),
             );
         }
     }

@@ -1,0 +1,131 @@
+//! A desk that is a client of two hosts: it has what every other desk has, whichever of them is lost.
+
+use super::bridge::assert_the_desk_has_all;
+use super::feed::Desk;
+use super::views::{Eyes, assert_equal, look_at_both};
+use certificates::Identity;
+use harness::{Lan, Random, Scratch, Setup, Site, count, find};
+use rustix::process::Signal;
+use std::fmt::Write as _;
+use std::time::Duration;
+
+const HOSTS: [&str; 4] = ["left", "right", "far", "desk"];
+
+/// `far` runs `hall` and is a peer, `left` and `right` run an area each and are routers of `desk`.
+fn site_file(lan: &Lan, tls: &std::path::Path, reader: &str) -> String {
+    let mut toml = format!(
+        "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\ntls_dir = \"{}\"\n\n",
+        tls.display()
+    );
+    for host in HOSTS {
+        let endpoint = lan.endpoint(host, reader);
+        let more = match host {
+            "desk" => "desk = true\nthrough = [\"left\", \"right\"]\nfollows = [\"hall\"]\n",
+            _ => "",
+        };
+        let _ = write!(
+            toml,
+            "[[host]]\nid = \"{host}\"\nendpoint = \"{endpoint}\"\ntransport = \"tls\"\n{more}\n"
+        );
+    }
+    for (area, laser, host) in
+        [("hall", "south", "far"), ("lobby", "north", "left"), ("yard", "west", "right")]
+    {
+        let _ = write!(
+            toml,
+            "[[area]]\nid = \"{area}\"\nhost = \"{host}\"\norigin_m = [-0.5, -0.5]\ncolumns = 110\n\
+             rows = 100\ncheckpoint_s = 5\ntimescales_s = [1, 2, 4]\n\n\
+             [[laser]]\nid = \"{laser}\"\narea = \"{area}\"\nx_m = 4.6\ny_m = 0.2\nyaw_deg = 90\n\
+             source = {{ kind = \"simulator\", scene = \"room\", seed = 1 }}\n\n"
+        );
+    }
+    toml
+}
+
+fn wait_until_all_are_heard(desk: &mut Site) {
+    desk.wait_until("all other hosts", |report| {
+        let bridge = find(report, "bridge");
+        let heard = |host: &&str| {
+            let age_s = bridge.gauges.get(&format!("host_age_s {host}"));
+            age_s.is_some_and(|age_s| *age_s < 2.5)
+        };
+        let all = HOSTS[..3].iter().all(|host| heard(&host));
+        let lost = bridge.faults.iter().any(|fault| fault.code.starts_with("host_lost"));
+        (all && !lost).then_some(())
+    });
+}
+
+#[test]
+fn a_desk_behind_two_routers_has_everything_whichever_is_lost() {
+    let lan = Lan::new(&HOSTS);
+    let scratch = Scratch::new();
+    let (ca, tls) = (scratch.0.join("ca"), scratch.0.join("tls"));
+    let now_s = (process::wall_ns() / 1_000_000_000) as i64;
+    certificates::init(&ca, "t", now_s, 100).unwrap();
+    for host in HOSTS {
+        let identity = Identity::new("t", host, &lan.endpoint(host, host));
+        certificates::issue(&ca, &tls, &identity, now_s, 100).unwrap();
+    }
+    let start = |host: &str| {
+        let toml = site_file(&lan, &tls, host);
+        Setup::new(&toml).arguments(["--host", host]).on(&lan, host).start()
+    };
+    // Nobody answers the desk at first.
+    let mut desk = start("desk");
+    desk.wait_until("that no router answers", |report| {
+        let bridge = find(report, "bridge");
+        bridge.faults.iter().any(|fault| fault.code == "no_router").then_some(())
+    });
+    let (mut left, mut right, mut far) = (start("left"), start("right"), start("far"));
+    far.wait_until_frames_flow(5);
+    wait_until_all_are_heard(&mut desk);
+
+    let toml = site_file(&lan, &tls, "desk");
+    let (mut at_home, mut afar) = (Eyes::open(&far, &toml), Eyes::open(&desk, &toml));
+    look_at_both(&mut at_home, &mut afar, 10);
+
+    let told = Desk::open(&mut far);
+    let mut random = Random::from_environment();
+    for round in 0..5 {
+        let mark = told.count();
+        far.log().wait_a_moment(Duration::from_millis(random.below(300)));
+        match round {
+            0 => _ = left.kill("bridge", Signal::KILL),
+            1 => lan.cut("left"),
+            2 => lan.cut("right"),
+            3 => _ = right.kill("bridge", Signal::KILL),
+            _ => _ = desk.kill("bridge", Signal::KILL),
+        }
+        // Something happens while the desk finds its other way.
+        let raised = told.hold_laser_until_told(&mut far, mark);
+        told.release_laser(&mut far, &raised.change.id);
+        assert_the_desk_has_all((&far, "far", "hall"), &desk);
+        if round == 1 {
+            lan.heal("left");
+        }
+        if round == 2 {
+            lan.heal("right");
+        }
+        wait_until_all_are_heard(&mut desk);
+    }
+    look_at_both(&mut at_home, &mut afar, 10);
+    assert_equal("frame", &at_home.seen_frames, &afar.seen_frames);
+    assert_equal("class map", &at_home.seen_classes, &afar.seen_classes);
+    let changes = assert_the_desk_has_all((&far, "far", "hall"), &desk);
+    assert!(changes >= 10, "{changes}");
+    for site in [&mut left, &mut right, &mut far, &mut desk] {
+        let report = site.status().unwrap();
+        let bridge = find(&report, "bridge");
+        for never in [
+            "messages_refused_unauthorised",
+            "connections_refused_unauthorised",
+            "messages_refused_misrouted",
+        ] {
+            assert_eq!(count(bridge, never), 0, "{never} between friends: {}", report.table());
+        }
+    }
+    println!("{changes} changes through two routers, all at the desk once and in order");
+    for mut site in [desk, far, right, left] {
+        site.stop();
+    }
+}
