@@ -49,7 +49,7 @@ fn wait_until_all_are_heard(desk: &mut Site) {
             let age_s = bridge.gauges.get(&format!("host_age_s {host}"));
             age_s.is_some_and(|age_s| *age_s < 2.5)
         };
-        let all = HOSTS[..3].iter().all(|host| heard(&host));
+        let all = HOSTS[..3].iter().all(heard);
         let lost = bridge.faults.iter().any(|fault| fault.code.starts_with("host_lost"));
         (all && !lost).then_some(())
     });

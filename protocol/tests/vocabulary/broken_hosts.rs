@@ -318,3 +318,73 @@ lab.toml: 1 error
 "#,
     );
 }
+
+#[test]
+fn nothing_runs_at_a_desk_that_goes_through_others() {
+    drawn(
+        "desk = true",
+        "desk = true\nthrough = [\"edge\"]",
+        r#"
+warning: if that is lost, desk desk hears nothing any more
+  --> lab.toml:13:12
+   |
+13 | through = ["edge"]
+   |            ^^^^^^ expected two hosts
+   |
+   = help: name a second one in `through`
+
+error: host desk only looks: areas and lasers run elsewhere
+  --> lab.toml:16:8
+   |
+16 | host = "desk"
+   |        ^^^^^^ expected a host without `through`
+   |
+   = help: name another host, or remove `through` at that one
+
+lab.toml: 1 error, 1 warning
+"#,
+    );
+}
+
+#[test]
+fn a_desk_goes_through_other_hosts_and_says_that_it_is_one() {
+    drawn(
+        "transport = \"plain-tcp\"\n\n",
+        "transport = \"plain-tcp\"\nthrough = [\"edge\", \"yard\"]\n\n",
+        r#"
+error: host edge is reached through others, and looks at nothing
+ --> lab.toml:7:12
+  |
+7 | through = ["edge", "yard"]
+  |            ^^^^^^ expected `desk = true`
+  |
+  = help: write `desk = true` at this host, or remove `through`
+
+error: host edge cannot be reached through edge
+ --> lab.toml:7:12
+  |
+7 | through = ["edge", "yard"]
+  |            ^^^^^^ expected another host, without `through`
+  |
+  = help: name hosts that have a link to every other one
+
+error: `host[0].through[1]` is "yard", expected the id of a host of this file
+ --> lab.toml:7:20
+  |
+7 | through = ["edge", "yard"]
+  |                    ^^^^^^ expected the id of a host of this file
+  |
+  = help: hosts of this file: `edge`, `desk`
+
+error: host edge only looks: areas and lasers run elsewhere
+  --> lab.toml:27:8
+   |
+27 | host = "edge"
+   |        ^^^^^^ expected a host without `through`
+   |
+   = help: name another host, or remove `through` at that one
+
+lab.toml: 4 errors
+"#,
+    );
+}

@@ -142,6 +142,36 @@ mod tests {
     }
 
     #[test]
+    fn a_router_speaks_for_the_desks_behind_it_and_these_only_for_themselves() {
+        let mut site = site();
+        let desk = |id: &str, through: &[&str]| Host {
+            id: id.to_owned(),
+            through: through.iter().map(|id| (*id).to_owned()).collect(),
+            ..site.hosts[1].clone()
+        };
+        let (guard, lobby) = (desk("guard", &["edge"]), desk("lobby", &["edge"]));
+        site.hosts.extend([guard, lobby]);
+        let rules = |me: usize| control(&site, &site.hosts[me])["rules"].clone();
+        let keys = |rules: &Value, id: &str| {
+            let rule = rules.as_array().unwrap().iter().find(|rule| rule["id"] == id);
+            rule.map(|rule| rule["key_exprs"].clone())
+        };
+        let said = |hosts: &[&str]| -> Value {
+            hosts.iter().flat_map(|host| said_by(&site, host)).collect::<Vec<_>>().into()
+        };
+        let (of_router, of_peer, of_client) = (rules(0), rules(1), rules(2));
+        // What a client says is its own, whoever it is said to; it may ask for what all others say.
+        assert_eq!(keys(&of_router, "guard-says"), Some(said(&["guard"])));
+        assert_eq!(keys(&of_router, "guard-asks"), Some(said(&["edge", "desk", "lobby"])));
+        // A peer hears of the clients from their router, and has no link to them.
+        assert_eq!(keys(&of_peer, "edge-says"), Some(said(&["edge", "guard", "lobby"])));
+        assert_eq!(keys(&of_peer, "guard-says"), None);
+        assert_eq!(keys(&of_router, "desk-says"), Some(said(&["desk"])), "no router: for itself");
+        assert_eq!(keys(&of_client, "edge-says"), Some(said(&["edge", "desk", "lobby"])));
+        assert_eq!(keys(&of_client, "desk-says"), None);
+    }
+
+    #[test]
     fn every_rule_names_its_keys_and_a_subject_its_certificate() {
         let site = site();
         let control = control(&site, &site.hosts[1]);

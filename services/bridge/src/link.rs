@@ -376,6 +376,17 @@ mod tests {
         }
         assert_eq!(read.get_json("access_control/enabled").unwrap(), "false");
 
+        // A desk that goes through others dials them, and is dialled by nobody.
+        let mut behind = site.clone();
+        behind.hosts[1].through = vec!["c".to_owned(), "a".to_owned()];
+        let [a, b, c] = [0, 1, 2].map(|n| config(&behind, &behind.hosts[n], &files));
+        assert_eq!([&a["mode"], &b["mode"], &c["mode"]], ["router", "client", "router"]);
+        assert_eq!(b["listen"]["endpoints"], json!([]));
+        let dialled = |config: &serde_json::Value| config["connect"]["endpoints"].clone();
+        assert_eq!(dialled(&c), json!([locator(&site.hosts[0])]));
+        assert_eq!(dialled(&b), json!([locator(&site.hosts[2]), locator(&site.hosts[0])]));
+        zenoh::Config::from_json5(&b.to_string()).unwrap();
+
         site.hosts.iter_mut().for_each(|host| host.transport = Transport::Tls);
         let json = config(&site, &site.hosts[1], &files);
         assert!(begins(&json["connect"]["endpoints"][0], "tls/127.0.0.1:1#"));
