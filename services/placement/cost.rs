@@ -93,23 +93,20 @@ fn all_pairs(site: &Site) -> impl Iterator<Item = (&Host, &Host)> {
     })
 }
 
-/// Every host with every other one that it has a link to.
+/// Every host with every other one that it has a link to, as long as all hosts are there.
 pub fn pairs(site: &Site) -> impl Iterator<Item = (&Host, &Host)> {
-    all_pairs(site).filter(|(from, to)| from.has_link_to(to))
+    all_pairs(site).filter(|(from, to)| way(site, &from.id, &to.id).len() == 2)
 }
 
-/// The hosts on the way from one to another, both included: of a desk that goes through others, the first
-/// of those.
+/// The hosts on the way from one to another, both included. A desk that goes through others is linked to
+/// one at a time: the first, as a rule.
 fn way<'s>(site: &'s Site, from: &'s str, to: &'s str) -> Vec<&'s str> {
     let router = |id: &str| site.host(id)?.through.first().map(String::as_str);
     let mut way = vec![from];
-    let linked = site.host(from).zip(site.host(to)).is_none_or(|(from, to)| from.has_link_to(to));
-    if !linked {
-        way.extend(router(from));
-        way.extend(router(to).filter(|router| way.last() != Some(router)));
-    }
+    way.extend(router(from).filter(|router| *router != to));
+    way.extend(router(to).filter(|router| *router != from));
     way.push(to);
-    way.dedup();
+    way.dedup(); // two desks behind one host
     way
 }
 
@@ -152,7 +149,14 @@ impl<'s> Costs<'s> {
         streams.extend(self.standby());
         let hops = |stream: &Stream<'s>| {
             let way = way(site, stream.from, stream.to);
-            let hop = |hop: &[&'s str]| Stream { from: hop[0], to: hop[1], ..stream.clone() };
+            let what = match way.len() {
+                2 => stream.what.clone(),
+                _ => format!("{} ({} to {})", stream.what, stream.from, stream.to),
+            };
+            let hop = |hop: &[&'s str]| {
+                let (from, to, what) = (hop[0], hop[1], what.clone());
+                Stream { from, to, what, ..stream.clone() }
+            };
             way.windows(2).map(hop).collect::<Vec<_>>()
         };
         streams.iter().flat_map(hops).collect()

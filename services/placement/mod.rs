@@ -293,6 +293,30 @@ mod tests {
     }
 
     #[test]
+    fn what_a_desk_behind_others_hears_goes_through_the_first_of_them() {
+        let mut site = site(&["left", "right", "far", "guard", "lobby"]);
+        for desk in 3..5 {
+            site.hosts[desk].desk = true;
+            site.hosts[desk].through = vec!["left".to_owned(), "right".to_owned()];
+        }
+        let costs = Costs::of(&site, "/".as_ref());
+        let links: Vec<_> = pairs(&site).map(|(a, b)| (a.id.as_str(), b.id.as_str())).collect();
+        assert!(links.contains(&("left", "guard")) && links.contains(&("lobby", "left")));
+        let not = |link: &(&str, &str)| !links.contains(link);
+        assert!([("right", "guard"), ("far", "guard"), ("guard", "lobby")].iter().all(not));
+        assert_eq!(links.len(), 3 * 2 + 2 * 2);
+        let streams = costs.streams();
+        let health = |from: &str, to: &str| {
+            let of = |s: &&Stream<'_>| (s.from, s.to) == (from, to) && s.what.starts_with("health");
+            streams.iter().filter(of).count()
+        };
+        assert_eq!(health("far", "left"), 3, "its own, and that for two desks");
+        assert_eq!(health("left", "guard"), 4, "of all others, the desk lobby included");
+        assert_eq!(health("guard", "left"), 4, "to all others");
+        assert!(streams.iter().all(|stream| links.contains(&(stream.from, stream.to))));
+    }
+
+    #[test]
     fn the_host_is_what_is_asked_for_or_what_the_machine_says() {
         let (several, none) = (site(&["edge", "desk"]), site(&[]));
         let of = |site: &Site, asked, variable| host_of(site, asked, variable);

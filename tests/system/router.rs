@@ -7,7 +7,7 @@ use certificates::Identity;
 use harness::{Lan, Random, Scratch, Setup, Site, count, find};
 use rustix::process::Signal;
 use std::fmt::Write as _;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const HOSTS: [&str; 4] = ["left", "right", "far", "desk"];
 
@@ -83,6 +83,29 @@ fn a_desk_behind_two_routers_has_everything_whichever_is_lost() {
     let toml = site_file(&lan, &tls, "desk");
     let (mut at_home, mut afar) = (Eyes::open(&far, &toml), Eyes::open(&desk, &toml));
     look_at_both(&mut at_home, &mut afar, 10);
+
+    // What it costs: the desk's link, whichever router it has chosen.
+    let plan = desk.tog(&["check"], &["--format", "json"]);
+    let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).unwrap();
+    let planned = |key: &str| {
+        let links = plan["links"].as_array().unwrap().iter();
+        let of_desk = links.filter(|link| link[key] == "desk");
+        of_desk.map(|link| link["bytes_per_s"].as_f64().unwrap()).sum::<f64>()
+    };
+    if let (Some(before), begin) = (lan.bytes("desk"), Instant::now()) {
+        for _ in 0..5 {
+            look_at_both(&mut at_home, &mut afar, 10); // a second each
+        }
+        let (after, took_s) = (lan.bytes("desk").unwrap(), begin.elapsed().as_secs_f64());
+        let per_s = |after: u64, before: u64| (after - before) as f64 / took_s;
+        println!(
+            "a desk behind routers: sends {:.0} B/s of {:.0} planned, receives {:.0} of {:.0}",
+            per_s(after.0, before.0),
+            planned("from"),
+            per_s(after.1, before.1),
+            planned("to")
+        );
+    }
 
     let told = Desk::open(&mut far);
     let mut random = Random::from_environment();
