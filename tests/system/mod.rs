@@ -11,6 +11,7 @@
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away; three say what one says |
 //! | `clients` | programs in Python that share no code with us |
 //! | `lan` | three hosts, links that are cut, four lasers at 75 Hz |
+//! | `upgrade` | hosts of two versions |
 //! | `router` | a desk that is a client of two hosts |
 //! | `look` | the ways to look at a running site: the building, Prometheus, a terminal |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
@@ -43,6 +44,7 @@ mod removed;
 mod router;
 mod standby;
 mod systemd;
+mod upgrade;
 mod views;
 
 /// Two lasers of a small room, one area, everything else as it is by default.

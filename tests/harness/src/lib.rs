@@ -93,7 +93,15 @@ pub fn binary() -> PathBuf {
 
 /// `tog` with these arguments, and a run directory of the test.
 pub fn tog<I: AsRef<OsStr>>(run_root: &Path, arguments: impl IntoIterator<Item = I>) -> Command {
-    let mut command = Command::new(binary());
+    command_of(&binary(), run_root, arguments)
+}
+
+fn command_of<I: AsRef<OsStr>>(
+    program: &Path,
+    run_root: &Path,
+    arguments: impl IntoIterator<Item = I>,
+) -> Command {
+    let mut command = Command::new(program);
     command.args(arguments).env("TOG_RUN_DIR", run_root).stdin(Stdio::null());
     command
 }
@@ -101,6 +109,7 @@ pub fn tog<I: AsRef<OsStr>>(run_root: &Path, arguments: impl IntoIterator<Item =
 /// How a site of a test is started.
 pub struct Setup {
     scratch: Scratch,
+    program: PathBuf,
     arguments: Vec<String>,
     namespace: Option<String>,
     environment: Vec<(String, String)>,
@@ -111,7 +120,8 @@ impl Setup {
     pub fn new(toml: &str) -> Self {
         let scratch = Scratch::new();
         scratch.write("site.toml", toml);
-        Self { scratch, arguments: Vec::new(), namespace: None, environment: Vec::new() }
+        let (arguments, environment) = (Vec::new(), Vec::new());
+        Self { scratch, program: binary(), arguments, namespace: None, environment }
     }
 
     /// A file beside the site file.
@@ -129,6 +139,12 @@ impl Setup {
     /// With this variable in its environment.
     pub fn env(mut self, name: &str, value: impl AsRef<Path>) -> Self {
         self.environment.push((name.to_owned(), value.as_ref().display().to_string()));
+        self
+    }
+
+    /// With another program than [`binary`]: an older tog.
+    pub fn program(mut self, path: &Path) -> Self {
+        path.clone_into(&mut self.program);
         self
     }
 
@@ -151,6 +167,7 @@ impl Setup {
         let run_dir = dir.join("r").join(named.expect("a site has a name"));
         let mut site = Site {
             running: None,
+            program: self.program,
             arguments: self.arguments,
             namespace: self.namespace,
             environment: self.environment,
@@ -169,6 +186,7 @@ impl Setup {
 /// A site of real processes.
 pub struct Site {
     running: Option<Running>,
+    program: PathBuf,
     arguments: Vec<String>,
     namespace: Option<String>,
     environment: Vec<(String, String)>,
@@ -201,6 +219,7 @@ impl Site {
         let dir = scratch.0.join(format!("tog-demo-{pid}"));
         Self {
             running: Some(running),
+            program: binary(),
             arguments: Vec::new(),
             namespace: None,
             environment: Vec::new(),
@@ -217,13 +236,18 @@ impl Site {
     pub fn start_again(&mut self) {
         let file = self.file().to_str().unwrap().to_owned();
         let arguments = ["run".to_owned(), file].into_iter().chain(self.arguments.iter().cloned());
-        let mut command = tog(&self.run_root(), arguments);
+        let mut command = command_of(&self.program, &self.run_root(), arguments);
         command.envs(self.environment.iter().map(|(name, value)| (name, value)));
         let command = match &self.namespace {
             Some(name) => lan::within(name, &command),
             None => command,
         };
         self.running = Some(Running::start(command));
+    }
+
+    /// The next start is one of another program: an upgrade.
+    pub fn upgrade(&mut self, program: &Path) {
+        program.clone_into(&mut self.program);
     }
 
     /// The site file.
@@ -257,7 +281,7 @@ impl Site {
     }
 
     fn command(&self, verb: &[&str], options: &[&str]) -> Command {
-        let mut command = tog(&self.run_root(), verb);
+        let mut command = command_of(&self.program, &self.run_root(), verb);
         command.arg(self.file()).args(options);
         command
     }

@@ -10,7 +10,10 @@ pub fn kill(pid: u32, signal: Signal) -> bool {
     let raw = Pid::from_raw(pid as i32).expect("a process id");
     let Ok(process) = pidfd_open(raw, PidfdFlags::empty()) else { return false };
     let is_tog = fs::read_link(format!("/proc/{pid}/exe")).is_ok_and(|exe| {
-        exe.as_os_str().to_string_lossy().starts_with(&*crate::binary().to_string_lossy())
+        // An older tog has its name as well, and a program that was written over says "(deleted)".
+        let (found, ours) = (exe.file_name(), crate::binary());
+        let ours = ours.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        found.is_some_and(|name| name.to_string_lossy().starts_with(&ours))
     });
     is_tog && pidfd_send_signal(&process, signal).is_ok()
 }
