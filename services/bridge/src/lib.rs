@@ -31,6 +31,7 @@
 //! | what does zenoh do for us, with which settings | `link` |
 //! | what does the process do, in which order | `run` |
 //! | how do scans get from shared memory into the network and back | `scans` |
+//! | which links are there, who relays for whom | `Host::has_link_to`, `link` |
 //! | who may say what | [`access`], pure |
 //! | who tried without the right to | [`guard`] |
 //! | which of two hosts runs an area | [`ownership`], pure; `run/areas.rs` acts |
