@@ -242,7 +242,8 @@ gone. 2: usage. 78: the site file is wrong.")]
 pub struct AlertsList {
     /// The site file.
     pub site: PathBuf,
-    /// The journal of this host, where the site file names several; of the first desk unless set.
+    /// The journal of this host, where the site file names several; of `$TOG_HOST`, else of the first desk,
+    /// unless set.
     #[arg(long, value_name = "HOST")]
     pub host: Option<String>,
     /// At most so many, the newest.

@@ -34,8 +34,12 @@ const HOST_VARIABLE: &str = "TOG_HOST";
 /// # Errors
 /// A sentence if it is unknown, or if several could be meant.
 pub fn host_to_run(site: &Site, asked: Option<&str>) -> Result<Option<String>, String> {
-    let variable = std::env::var(HOST_VARIABLE).ok().filter(|host| !host.is_empty());
-    host_of(site, asked, variable.as_deref())
+    host_of(site, asked, variable().as_deref())
+}
+
+/// Which host this machine is, as it says itself.
+fn variable() -> Option<String> {
+    std::env::var(HOST_VARIABLE).ok().filter(|host| !host.is_empty())
 }
 
 fn host_of(
@@ -68,14 +72,23 @@ fn host_of(
     }
 }
 
-/// The host whose journal is wanted: the first desk, unless another is asked for.
+/// The host whose journal is wanted: the one that is asked for, else this one, else the first desk.
 ///
 /// # Errors
 /// A sentence if it is unknown.
 pub fn host_to_ask<'s>(site: &'s Site, asked: Option<&str>) -> Result<Option<&'s str>, String> {
+    host_to_ask_of(site, asked, variable().as_deref())
+}
+
+fn host_to_ask_of<'s>(
+    site: &'s Site,
+    asked: Option<&str>,
+    variable: Option<&str>,
+) -> Result<Option<&'s str>, String> {
     let first = || site.hosts.iter().find(|host| host.desk).or(site.hosts.first());
+    let this = || variable.and_then(|id| site.host(id));
     match asked {
-        None => Ok(first().map(|host| host.id.as_str())),
+        None => Ok(this().or_else(first).map(|host| host.id.as_str())),
         Some(host) => {
             let id = known(site, host)?;
             Ok(site.host(&id).map(|host| host.id.as_str()))
@@ -290,6 +303,18 @@ mod tests {
             .collect();
         let value = json!({ "name": "s", "host": hosts, "area": [], "laser": [] });
         serde_json::from_value(value).unwrap()
+    }
+
+    #[test]
+    fn the_journal_is_that_of_this_host_or_of_the_first_desk() {
+        let mut site = site(&["edge", "desk"]);
+        site.hosts[1].desk = true;
+        let of = |asked, variable| host_to_ask_of(&site, asked, variable);
+        assert_eq!(of(None, None), Ok(Some("desk")));
+        assert_eq!(of(None, Some("edge")), Ok(Some("edge")));
+        assert_eq!(of(Some("desk"), Some("edge")), Ok(Some("desk")));
+        assert_eq!(of(None, Some("pc17")), Ok(Some("desk")), "no host of this site");
+        of(Some("pc17"), None).unwrap_err();
     }
 
     #[test]

@@ -1,10 +1,13 @@
 //! A desk that is a client of two hosts: it has what every other desk has, whichever of them is lost.
+//!
+//! Nightly, because it fails now and then (once in twelve runs, 2026-11-26): after a cut or a kill the two
+//! routers did not hear each other again for two minutes. README, "Known faults".
 
 use super::bridge::assert_the_desk_has_all;
 use super::feed::Desk;
 use super::views::{Eyes, assert_equal, look_at_both};
 use certificates::Identity;
-use harness::{Lan, Random, Scratch, Setup, Site, count, find};
+use harness::{Lan, Random, Scratch, Setup, Site, count, find, is_nightly};
 use rustix::process::Signal;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -57,6 +60,10 @@ fn wait_until_all_are_heard(desk: &mut Site) {
 
 #[test]
 fn a_desk_behind_two_routers_has_everything_whichever_is_lost() {
+    if !is_nightly() {
+        println!("skipped: TOG_NIGHTLY=1 runs it");
+        return;
+    }
     let lan = Lan::new(&HOSTS);
     let scratch = Scratch::new();
     let (ca, tls) = (scratch.0.join("ca"), scratch.0.join("tls"));
