@@ -16,13 +16,12 @@ use std::net::TcpListener;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 
-/// These hosts and a desk, each with an endpoint that nobody listens on.
-fn hosts<const N: usize>(ids: [&str; N]) -> String {
-    let listen = |id: &str| (id.to_owned(), TcpListener::bind("127.0.0.1:0").unwrap());
+/// These hosts, `desk` a desk, each with an endpoint that nobody listens on.
+pub(super) fn hosts<const N: usize>(ids: [&str; N], desk: &str) -> String {
     // All ports are held until all are known, else two hosts might get the same.
-    let held: Vec<_> = ids.into_iter().chain(["desk"]).map(listen).collect();
-    let host = |(id, listener): &(String, TcpListener)| {
-        let (endpoint, desk) = (listener.local_addr().unwrap(), id == "desk");
+    let held = ids.map(|id| (id, TcpListener::bind("127.0.0.1:0").unwrap()));
+    let host = |(id, listener): &(&str, TcpListener)| {
+        let (endpoint, desk) = (listener.local_addr().unwrap(), *id == desk);
         format!(
             "[[host]]\nid = \"{id}\"\nendpoint = \"{endpoint}\"\ntransport = \"plain-tcp\"\ndesk = {desk}\n\n"
         )
@@ -46,7 +45,7 @@ pub(super) fn two_hosts() -> String {
     };
     [
         "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned(),
-        hosts(["edge"]),
+        hosts(["edge", "desk"], "desk"),
         area("hall", "edge"),
         area("room", "desk"),
         laser("south", "hall", "x_m = 4.6\ny_m = 0.2\nyaw_deg = 90"),
@@ -185,7 +184,10 @@ fn replayed(made: &str) -> String {
     let mut text = made
         .replace("pace = \"lossless\"", "pace = \"real_time\"")
         .replace("timescales_s = [1, 4, 12]", "timescales_s = [1, 2, 4]\nlateness_max_ms = 5000")
-        .replace("[[area]]\n", &format!("{}[[area]]\nhost = \"desk\"\n", hosts(["edge", "wing"])));
+        .replace(
+            "[[area]]\n",
+            &(hosts(["edge", "wing", "desk"], "desk") + "[[area]]\nhost = \"desk\"\n"),
+        );
     for (laser, host) in [("south", "edge"), ("west", "edge"), ("north", "wing"), ("east", "wing")]
     {
         let line = format!("id = \"{laser}\"\n");

@@ -21,35 +21,66 @@ struct Building {
     west: Site,
     desk: Site,
     lan: Lan,
-    _scratch: Scratch,
+    _certificates: Scratch,
+}
+
+/// The certificates of these hosts, where they are in a network; `tls` below the directory.
+pub(super) fn certificates_of(hosts: &[&str], lan: &Lan) -> Scratch {
+    let scratch = Scratch::new();
+    let ca = scratch.0.join("ca");
+    let now_s = (process::wall_ns() / 1_000_000_000) as i64;
+    certificates::init(&ca, "t", now_s, 100).unwrap();
+    for host in hosts {
+        let identity = Identity::new("t", host, &lan.endpoint(host, host));
+        certificates::issue(&ca, &scratch.0.join("tls"), &identity, now_s, 100).unwrap();
+    }
+    scratch
+}
+
+/// The head of the site file of `reader`, a host of a network; `more` says what else there is of a host.
+pub(super) fn head(
+    hosts: &[&str],
+    lan: &Lan,
+    reader: &str,
+    (transport, certificates): (&str, &Scratch),
+    more: fn(&str) -> &str,
+) -> String {
+    let mut toml = format!(
+        "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\ntls_dir = \"{}\"\n\n",
+        certificates.0.join("tls").display()
+    );
+    for host in hosts {
+        let endpoint = lan.endpoint(host, reader);
+        let _ = write!(
+            toml,
+            "[[host]]\nid = \"{host}\"\nendpoint = \"{endpoint}\"\n\
+             transport = \"{transport}\"\n{}\n",
+            more(host)
+        );
+    }
+    toml
+}
+
+/// Bytes a second that `tog check` plans of all links of a host: `key` is `from` or `to`.
+pub(super) fn planned_bytes_per_s(plan: &serde_json::Value, key: &str, host: &str) -> f64 {
+    let of_host = plan["links"].as_array().unwrap().iter().filter(|link| link[key] == *host);
+    of_host.map(|link| link["bytes_per_s"].as_f64().unwrap()).sum()
+}
+
+/// What `tog check` plans.
+pub(super) fn plan(site: &Site) -> serde_json::Value {
+    let plan = site.tog(&["check"], &["--format", "json"]);
+    serde_json::from_slice(&plan.stdout).unwrap()
 }
 
 /// `room` runs on the desk, its four lasers at 75 Hz on `east` and `west`; `hall` on `east`, with a
 /// laser of its own, so that there is something to tell.
 fn building(transport: &str, lan: Lan) -> Building {
-    let scratch = Scratch::new();
-    let (ca, tls) = (scratch.0.join("ca"), scratch.0.join("tls"));
-    let now_s = (process::wall_ns() / 1_000_000_000) as i64;
-    certificates::init(&ca, "t", now_s, 100).unwrap();
-    for host in HOSTS {
-        let identity = Identity::new("t", host, &lan.endpoint(host, host));
-        certificates::issue(&ca, &tls, &identity, now_s, 100).unwrap();
-    }
-    let hosts_as_read_by = |reader: &str| {
-        let mut toml = format!(
-            "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\ntls_dir = \"{}\"\n\n",
-            tls.display()
-        );
-        for host in HOSTS {
-            let (endpoint, desk) = (lan.endpoint(host, reader), host == "desk");
-            let follows = if host == "west" { "follows = [\"room\"]\n" } else { "" };
-            let _ = write!(
-                toml,
-                "[[host]]\nid = \"{host}\"\nendpoint = \"{endpoint}\"\n\
-                 transport = \"{transport}\"\ndesk = {desk}\n{follows}\n"
-            );
-        }
-        toml
+    let certificates = certificates_of(&HOSTS, &lan);
+    let more = |host: &str| match host {
+        "desk" => "desk = true\n",
+        "west" => "follows = [\"room\"]\n",
+        _ => "",
     };
     let mut toml = String::new();
     for (area, host) in [("room", "desk"), ("hall", "east")] {
@@ -76,11 +107,11 @@ fn building(transport: &str, lan: Lan) -> Building {
         );
     }
     let start = |host: &str| {
-        let toml = hosts_as_read_by(host) + &toml;
+        let toml = head(&HOSTS, &lan, host, (transport, &certificates), more) + &toml;
         Setup::new(&toml).arguments(["--host", host]).on(&lan, host).start()
     };
     let (east, west, desk) = (start("east"), start("west"), start("desk"));
-    Building { east, west, desk, lan, _scratch: scratch }
+    Building { east, west, desk, lan, _certificates: certificates }
 }
 
 /// Somebody at the desk who waits for the scans of `east`.
@@ -219,8 +250,7 @@ fn cut_links(mut building: Building, cuts_s: &[u64]) {
 fn four_lasers_at_75_hz_reach_the_host_of_their_area() {
     let mut building = building("plain-tcp", Lan::new(&HOSTS));
     building.desk.wait_until_frames_flow(5);
-    let plan = building.desk.tog(&["check"], &["--format", "json"]);
-    let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).unwrap();
+    let plan = plan(&building.desk);
     let processes = building.processes();
     let bytes = |building: &Building| HOSTS.map(|host| building.lan.bytes(host));
     let cpu = || processes.iter().map(|(.., pid)| cpu_s(*pid)).collect::<Vec<_>>();
@@ -237,23 +267,19 @@ fn four_lasers_at_75_hz_reach_the_host_of_their_area() {
     let cpu_after = cpu();
     let (came, lost) = (building.scans_in() - scans, building.scans_lost() - lost);
     println!("{came} scans in {took_s:.1} s, {lost} lost");
-    let (links, mut ratios) = (plan["links"].as_array().unwrap(), Vec::new());
+    let mut ratios = Vec::new();
     for (n, host) in HOSTS.iter().enumerate() {
         let per_s = |after: u64, before: u64| (after - before) as f64 / took_s;
-        let of_host = |key: &str| {
-            let of_host = links.iter().filter(|link| link[key] == *host);
-            of_host.map(|link| link["bytes_per_s"].as_f64().unwrap()).sum::<f64>()
-        };
         let cores = plan["hosts"][n]["cores_busy"].as_f64().unwrap();
         println!("{host}: {:.1} % of a core planned", 100.0 * cores);
         if let (Some(after), Some(before)) = (bytes_after[n], bytes_before[n]) {
             let (sends, receives) = (per_s(after.0, before.0), per_s(after.1, before.1));
-            let planned = (of_host("from"), of_host("to"));
+            let planned = ["from", "to"].map(|key| planned_bytes_per_s(&plan, key, host));
             println!(
                 "{host}: sends {sends:.0} B/s of {:.0} planned, receives {receives:.0} of {:.0}",
-                planned.0, planned.1
+                planned[0], planned[1]
             );
-            ratios.extend([sends / planned.0, receives / planned.1]);
+            ratios.extend([sends / planned[0], receives / planned[1]]);
         }
         let of_host = processes.iter().zip(cpu_before.iter().zip(&cpu_after));
         for ((_, name, _), (before, after)) in of_host.filter(|((of, ..), _)| of == host) {

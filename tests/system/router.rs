@@ -1,12 +1,12 @@
 //! A desk that is a client of two hosts: it has what every other desk has, whichever of them is lost.
 //!
-//! Nightly, because it fails now and then (once in twelve runs, 2026-11-26): after a cut or a kill the two
+//! Nightly, because it fails now and then (once in thirteen runs, 2026-11-26): after a cut or a kill the two
 //! routers did not hear each other again for two minutes. README, "Known faults".
 
 use super::bridge::assert_the_desk_has_all;
 use super::feed::Desk;
+use super::lan::{certificates_of, head, plan, planned_bytes_per_s};
 use super::views::{Eyes, assert_equal, look_at_both};
-use certificates::Identity;
 use harness::{Lan, Random, Scratch, Setup, Site, count, find, is_nightly};
 use rustix::process::Signal;
 use std::fmt::Write as _;
@@ -15,22 +15,12 @@ use std::time::{Duration, Instant};
 const HOSTS: [&str; 4] = ["left", "right", "far", "desk"];
 
 /// `far` runs `hall` and is a peer, `left` and `right` run an area each and are routers of `desk`.
-fn site_file(lan: &Lan, tls: &std::path::Path, reader: &str) -> String {
-    let mut toml = format!(
-        "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\ntls_dir = \"{}\"\n\n",
-        tls.display()
-    );
-    for host in HOSTS {
-        let endpoint = lan.endpoint(host, reader);
-        let more = match host {
-            "desk" => "desk = true\nthrough = [\"left\", \"right\"]\nfollows = [\"hall\"]\n",
-            _ => "",
-        };
-        let _ = write!(
-            toml,
-            "[[host]]\nid = \"{host}\"\nendpoint = \"{endpoint}\"\ntransport = \"tls\"\n{more}\n"
-        );
-    }
+fn site_file(lan: &Lan, certificates: &Scratch, reader: &str) -> String {
+    let more = |host: &str| match host {
+        "desk" => "desk = true\nthrough = [\"left\", \"right\"]\nfollows = [\"hall\"]\n",
+        _ => "",
+    };
+    let mut toml = head(&HOSTS, lan, reader, ("tls", certificates), more);
     for (area, laser, host) in
         [("hall", "south", "far"), ("lobby", "north", "left"), ("yard", "west", "right")]
     {
@@ -65,16 +55,9 @@ fn a_desk_behind_two_routers_has_everything_whichever_is_lost() {
         return;
     }
     let lan = Lan::new(&HOSTS);
-    let scratch = Scratch::new();
-    let (ca, tls) = (scratch.0.join("ca"), scratch.0.join("tls"));
-    let now_s = (process::wall_ns() / 1_000_000_000) as i64;
-    certificates::init(&ca, "t", now_s, 100).unwrap();
-    for host in HOSTS {
-        let identity = Identity::new("t", host, &lan.endpoint(host, host));
-        certificates::issue(&ca, &tls, &identity, now_s, 100).unwrap();
-    }
+    let certificates = certificates_of(&HOSTS, &lan);
     let start = |host: &str| {
-        let toml = site_file(&lan, &tls, host);
+        let toml = site_file(&lan, &certificates, host);
         Setup::new(&toml).arguments(["--host", host]).on(&lan, host).start()
     };
     // Nobody answers the desk at first.
@@ -87,18 +70,13 @@ fn a_desk_behind_two_routers_has_everything_whichever_is_lost() {
     far.wait_until_frames_flow(5);
     wait_until_all_are_heard(&mut desk);
 
-    let toml = site_file(&lan, &tls, "desk");
+    let toml = site_file(&lan, &certificates, "desk");
     let (mut at_home, mut afar) = (Eyes::open(&far, &toml), Eyes::open(&desk, &toml));
     look_at_both(&mut at_home, &mut afar, 10);
 
     // What it costs: the desk's link, whichever router it has chosen.
-    let plan = desk.tog(&["check"], &["--format", "json"]);
-    let plan: serde_json::Value = serde_json::from_slice(&plan.stdout).unwrap();
-    let planned = |key: &str| {
-        let links = plan["links"].as_array().unwrap().iter();
-        let of_desk = links.filter(|link| link[key] == "desk");
-        of_desk.map(|link| link["bytes_per_s"].as_f64().unwrap()).sum::<f64>()
-    };
+    let plan = plan(&desk);
+    let planned = |key: &str| planned_bytes_per_s(&plan, key, "desk");
     if let (Some(before), begin) = (lan.bytes("desk"), Instant::now()) {
         for _ in 0..5 {
             look_at_both(&mut at_home, &mut afar, 10); // a second each

@@ -1,35 +1,24 @@
 //! A host that is lost: its area goes on elsewhere, with the map as it was copied, and is run by one host
 //! again as soon as all hear each other.
 
-use super::bridge::{journal_of, of};
+use super::bridge::{hosts, journal_of, of};
 use super::feed::Desk;
 use harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
 use rustix::process::Signal;
-use std::net::TcpListener;
 use std::time::{Duration, Instant};
 use supervisor::StatusReport;
 
 /// `hall` runs on `main`, on `spare` if that is lost; its lasers on `edge`, which is a desk as well.
 fn three_hosts() -> String {
-    let listeners = [0, 1, 2].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
-    let ports = listeners.map(|listener| listener.local_addr().unwrap().port());
-    let host = |(id, port): (&str, u16)| {
-        format!(
-            "[[host]]\nid = \"{id}\"\nendpoint = \"127.0.0.1:{port}\"\n\
-             transport = \"plain-tcp\"\ndesk = {}\n\n",
-            id == "edge"
-        )
-    };
     let laser = |id: &str, place: &str| {
         format!(
             "[[laser]]\nid = \"{id}\"\nhost = \"edge\"\narea = \"hall\"\n{place}\n\
              source = {{ kind = \"simulator\", scene = \"room\", seed = 1 }}\n\n"
         )
     };
-    let hosts: String = ["edge", "main", "spare"].into_iter().zip(ports).map(host).collect();
     [
         "name = \"t\"\ntimezone = \"UTC\"\nstate_dir = \"state\"\n\n".to_owned(),
-        hosts,
+        hosts(["edge", "main", "spare"], "edge"),
         "[[area]]\nid = \"hall\"\nhost = \"main\"\nstandby = \"spare\"\norigin_m = [-0.5, -0.5]\n\
          columns = 110\nrows = 100\ncheckpoint_s = 1\ntimescales_s = [1, 2, 4]\n\n"
             .to_owned(),

@@ -1,10 +1,10 @@
-//! The session with the other bridges: the only file that knows zenoh.
+//! The session with the other bridges: the only place that knows zenoh.
 //!
-//! A peer among peers, but for desks that go `through` others: those are clients of these, which are
-//! routers. Peers relay nothing; routers relay what their clients say and ask. Every bridge dials those before it in the site file, and is dialled by those
-//! after it; no scouting, no gossip, nobody relays. A cut link is noticed after 2 s (the lease is
-//! announced, so it must be the same everywhere) and dialled again every 0.5 to 1 s. TCP buffers are
-//! small, so that nothing old sits in the kernel in front of an event.
+//! A peer among peers: every bridge dials those before it in the site file, and is dialled by those
+//! after it; no scouting, no gossip, nobody relays. But for desks that go `through` others: a client of
+//! one of these at a time, dialled by nobody, for whom those, as routers, relay. A cut link is noticed
+//! after 2 s (the lease is announced, so it must be the same everywhere) and dialled again every 0.5 to
+//! 1 s. TCP buffers are small, so that nothing old sits in the kernel in front of an event.
 //!
 //! Why only one of two dials: zenoh 1.10 (zenoh-transport, `unicast/universal/transport.rs`,
 //! `add_link`) refuses a second link of a peer only if both came in. If both sides dial, the side that
@@ -25,8 +25,9 @@ use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::PAGE_BYTES_MAX;
 use protocol::site::{Area, Host, Site, Transport};
 use protocol::topic;
-pub use scans::Stream;
+pub use scans::{ScanPublishers, Stream, spawn_beside_the_writer};
 use serde_json::json;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -105,7 +106,7 @@ impl Link {
         };
         let always: Vec<usize> =
             (0..link.streams.len()).filter(|&stream| !link.streams[stream].shared).collect();
-        always.into_iter().for_each(|stream| link.listen(stream, true));
+        always.into_iter().for_each(|stream| link.listen(stream, true, inbox));
         Ok(link)
     }
 
@@ -224,11 +225,22 @@ fn take(
     inbox: &Inbox<Asker>,
     put: impl Fn(&Inbox<Asker>, Vec<u8>),
 ) {
+    if let Some(bytes) = fitting(sample, bytes_max, inbox) {
+        put(inbox, bytes.into_owned());
+    }
+}
+
+/// What came, unless it is too long: that is counted.
+fn fitting<'s>(
+    sample: &'s Sample,
+    bytes_max: usize,
+    inbox: &Inbox<Asker>,
+) -> Option<Cow<'s, [u8]>> {
     if sample.payload().len() > bytes_max {
         inbox.too_long();
-    } else {
-        put(inbox, sample.payload().to_bytes().into_owned());
+        return None;
     }
+    Some(sample.payload().to_bytes())
 }
 
 /// Lets others ask the journal of this host.

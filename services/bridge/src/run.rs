@@ -15,7 +15,7 @@ use crate::cursor::Shelf;
 use crate::follower::{Follower, Origins};
 use crate::guard::Alarm;
 use crate::inbox::{Arrived, Inbox};
-use crate::link::{Asker, Link, Session, Stream};
+use crate::link::{Asker, Link, Stream};
 use crate::remote::RemoteHost;
 use crate::scans::Outgoing;
 use crate::teller::{Tell, Teller};
@@ -39,8 +39,8 @@ use std::sync::Arc;
 /// # Errors
 /// If the endpoint cannot be listened on, or shared memory or the state directory cannot be used.
 pub fn run(worker: &mut Worker) -> Result<(), Failure> {
-    let Some(session) = session::open(worker)? else { return Ok(()) };
-    let mut bridge = Bridge::open(worker, session)?;
+    let Some(opened) = session::open(worker)? else { return Ok(()) };
+    let mut bridge = Bridge::open(worker, opened)?;
     bridge.begin_areas();
     worker.health.set_state(ServiceState::Running);
     loop {
@@ -123,9 +123,9 @@ struct Bridge {
 }
 
 impl Bridge {
-    fn open(worker: &mut Worker, session: Session) -> Result<Self, Failure> {
+    fn open(worker: &mut Worker, opened: session::Opened) -> Result<Self, Failure> {
         let site = worker.site.clone();
-        let me = session::me(worker, &site)?;
+        let session::Opened { me, session, certificate } = opened;
         let Arrivals { streams, of_areas } = Arrivals::open(worker, &site, &me)?;
         let shelf = Shelf::open(&worker.instance.state_dir)?;
         let now_ns = monotonic_ns();
@@ -143,7 +143,6 @@ impl Bridge {
         };
         let inbox = Arc::new(Inbox::new()?);
         let bell = worker.events.watch(inbox.bell(), Interest::Read)?;
-        let certificate = session::certificate(&site, &me, &session::files(worker, &me))?;
         let shared = areas::shared_areas(&site, &me);
         let link = Link::open(&site, &me, streams.clone(), &shared, &inbox, session)
             .map_err(Failure::Failed)?;

@@ -43,14 +43,12 @@ impl Turn {
 
     /// A wait is over.
     pub(crate) fn begin(&self) {
-        self.number.store(self.number() + 1, Ordering::Relaxed);
+        self.number.fetch_add(1, Ordering::Relaxed);
     }
 
     /// True once after somebody had to leave messages behind in a turn.
     pub(crate) fn take_unfinished(&self) -> bool {
-        let unfinished = self.unfinished.load(Ordering::Relaxed);
-        self.unfinished.store(false, Ordering::Relaxed);
-        unfinished
+        self.unfinished.swap(false, Ordering::Relaxed)
     }
 }
 
@@ -69,8 +67,7 @@ impl Doorbell {
     /// once, with `data`.
     pub(crate) fn may_take(&self) -> bool {
         let turn = self.turn.number();
-        if self.turn_seen.load(Ordering::Relaxed) != turn {
-            self.turn_seen.store(turn, Ordering::Relaxed);
+        if self.turn_seen.swap(turn, Ordering::Relaxed) != turn {
             self.taken.store(0, Ordering::Relaxed);
         }
         let taken = self.taken.load(Ordering::Relaxed);
@@ -84,9 +81,7 @@ impl Doorbell {
 
     /// True once after a new port of the topic said hello.
     pub(crate) fn take_hello(&self) -> bool {
-        let hello = self.hello.load(Ordering::Relaxed);
-        self.hello.store(false, Ordering::Relaxed);
-        hello
+        self.hello.swap(false, Ordering::Relaxed)
     }
 
     /// Of a task: silences it and begins a turn.

@@ -117,8 +117,14 @@ fn follows(host: &Node<'_>, areas: &[Node<'_>], findings: &mut Vec<Finding>) {
     }
 }
 
-fn has_true(host: &Node<'_>, key: &str) -> bool {
-    host.get(key).and_then(|value| value.value.as_bool()).unwrap_or(false)
+fn is_desk(host: &Node<'_>) -> bool {
+    host.get("desk").and_then(|desk| desk.value.as_bool()).unwrap_or(false)
+}
+
+/// True if there is a host of this id, and it goes through others.
+fn is_client(id: &str, hosts: &[Node<'_>]) -> bool {
+    let named = hosts.iter().find(|host| host.text("id").is_some_and(|(own, _)| own == id));
+    named.is_some_and(|host| !host.list("through").is_empty())
 }
 
 /// What a host is a client of is another host that is no client itself.
@@ -126,7 +132,7 @@ fn through(host: &Node<'_>, hosts: &[Node<'_>], ids: &[&str], findings: &mut Vec
     let routers = host.list("through");
     let Some(first) = routers.first() else { return };
     let own = host.text("id").map_or("", |(id, _)| id);
-    if !has_true(host, "desk") {
+    if !is_desk(host) {
         findings.push(
             Finding::error(first, "`through` at a host that is no desk", "`desk = true`")
                 .message(format!("host {own} is reached through others, and looks at nothing"))
@@ -139,8 +145,7 @@ fn through(host: &Node<'_>, hosts: &[Node<'_>], ids: &[&str], findings: &mut Vec
             findings.push(unknown(router, name, ("a host", "hosts"), ids));
             continue;
         }
-        let named = hosts.iter().find(|host| host.text("id").is_some_and(|(id, _)| id == name));
-        if name == own || named.is_some_and(|host| !host.list("through").is_empty()) {
+        if name == own || is_client(name, hosts) {
             findings.push(
                 Finding::error(router, quoted(name), "another host, without `through`")
                     .message(format!("host {own} cannot be reached through {name}"))
@@ -161,8 +166,7 @@ fn through(host: &Node<'_>, hosts: &[Node<'_>], ids: &[&str], findings: &mut Vec
 fn not_at_a_client(place: &Node<'_>, hosts: &[Node<'_>], findings: &mut Vec<Finding>) {
     for key in ["host", "standby"] {
         let Some((id, node)) = place.text(key) else { continue };
-        let is_it = |host: &&Node<'_>| host.text("id").is_some_and(|(own, _)| own == id);
-        if hosts.iter().find(is_it).is_some_and(|host| !host.list("through").is_empty()) {
+        if is_client(id, hosts) {
             findings.push(
                 Finding::error(&node, quoted(id), "a host without `through`")
                     .message(format!("host {id} only looks: areas and lasers run elsewhere"))
@@ -198,10 +202,7 @@ fn not_with_several(hosts: &[Node<'_>], lasers: &[Node<'_>], findings: &mut Vec<
                 .help("lossless is as fast as the slowest reader, on one host: remove `[[host]]`"),
         );
     }
-    let desk = |host: &Node<'_>| {
-        host.get("desk").is_some_and(|desk| desk.value.as_bool().is_some_and(|desk| desk))
-    };
-    if !hosts.iter().any(desk) {
+    if !hosts.iter().any(is_desk) {
         let found = "several hosts and no desk";
         findings.push(
             Finding::warning(&hosts[0], found, "`desk = true` at one host or more")

@@ -143,7 +143,7 @@ impl Bridge {
 
     fn listen_for(&mut self, index: usize, owns: bool) {
         for &stream in &self.areas.shared[index].streams {
-            self.link.listen(stream, owns);
+            self.link.listen(stream, owns, &self.inbox);
         }
     }
 

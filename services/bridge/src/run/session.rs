@@ -15,26 +15,36 @@ use std::time::Duration;
 /// Nobody answered a client: it asks again after this long.
 const AGAIN: Duration = Duration::from_millis(500);
 
-/// The host that this is.
-pub(super) fn me(worker: &Worker, site: &Site) -> Result<Host, Failure> {
-    let me = worker.instance.host.as_deref().and_then(|id| site.host(id));
-    me.cloned().ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))
-}
-
-pub(super) fn files(worker: &Worker, me: &Host) -> Files {
-    Files::of(&worker.instance.resolve(&worker.site.tls_dir), &me.id)
+/// The session of this host.
+pub(super) struct Opened {
+    pub(super) me: Host,
+    pub(super) session: Session,
+    /// As it was when the session opened; none where the hosts speak plain TCP.
+    pub(super) certificate: Option<Certificate>,
 }
 
 /// Opens the session; none if it was asked to stop before a client was answered.
-pub(super) fn open(worker: &mut Worker) -> Result<Option<Session>, Failure> {
+pub(super) fn open(worker: &mut Worker) -> Result<Option<Opened>, Failure> {
     let site = worker.site.clone();
-    let me = me(worker, &site)?;
-    let files = files(worker, &me);
-    certificate(&site, &me, &files)?;
-    if me.through.is_empty() {
-        return link::open(&site, &me, &files).map(Some).map_err(Failure::Failed);
-    }
-    // A client of zenoh waits for an answer: on a thread, so that this one is well and can be stopped.
+    let me = worker.instance.host.as_deref().and_then(|id| site.host(id)).cloned();
+    let me = me.ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))?;
+    let files = Files::of(&worker.instance.resolve(&site.tls_dir), &me.id);
+    let certificate = certificate(&site, &me, &files)?;
+    let session = if me.through.is_empty() {
+        Some(link::open(&site, &me, &files).map_err(Failure::Failed)?)
+    } else {
+        open_as_client(worker, site, me.clone(), files)?
+    };
+    Ok(session.map(|session| Opened { me, session, certificate }))
+}
+
+/// A client of zenoh waits for an answer: on a thread, so that this one is well and can be stopped.
+fn open_as_client(
+    worker: &mut Worker,
+    site: Site,
+    me: Host,
+    files: Files,
+) -> Result<Option<Session>, Failure> {
     let (tell, told) = mpsc::channel();
     let (bell, ringer) = UnixStream::pair()?;
     let routers = me.through.join(", ");
@@ -45,12 +55,13 @@ pub(super) fn open(worker: &mut Worker) -> Result<Option<Session>, Failure> {
                 Ok(session) => break session,
                 Err(error) => tracing::debug!("{error}"),
             }
-            thread::sleep(AGAIN);
+            thread::sleep(AGAIN); // whoever refuses does so at once
         };
         let _ = tell.send(session); // if it is to stop, nobody listens any more
     })?;
     let token = worker.events.watch(&bell, Interest::Read)?;
     let begun_ns = monotonic_ns();
+    worker.health.set_state(ServiceState::Running);
     let session = loop {
         if let Ok(session) = told.try_recv() {
             break session;
@@ -60,8 +71,7 @@ pub(super) fn open(worker: &mut Worker) -> Result<Option<Session>, Failure> {
             format!("none of the hosts {routers} answers: they are asked again twice a second")
         });
         worker.health.set_fault("no_router", words);
-        worker.health.set_state(ServiceState::Running);
-        if worker.wait(Some(monotonic_ns() + SECOND_NS))?.stop {
+        if worker.wait(None)?.stop {
             return Ok(None);
         }
         while worker.events.next_ready().is_some() {}
@@ -71,12 +81,7 @@ pub(super) fn open(worker: &mut Worker) -> Result<Option<Session>, Failure> {
     Ok(Some(session))
 }
 
-/// The certificate of this host, as it is when the session opens; none where the hosts speak plain TCP.
-pub(super) fn certificate(
-    site: &Site,
-    me: &Host,
-    files: &Files,
-) -> Result<Option<Certificate>, Failure> {
+fn certificate(site: &Site, me: &Host, files: &Files) -> Result<Option<Certificate>, Failure> {
     if !site.uses_tls() {
         return Ok(None);
     }

@@ -82,14 +82,6 @@ impl Incoming {
         }
     }
 
-    /// Counts a message that cannot be a scan.
-    pub fn refuse(&self, why: &str) {
-        if let Some(Entrance { counts, .. }) = &mut *lock(&self.entrance) {
-            counts.refused += 1;
-            why.clone_into(&mut counts.refused_last);
-        }
-    }
-
     /// What came so far.
     pub fn counts(&self) -> IncomingCounts {
         let entrance = lock(&self.entrance);

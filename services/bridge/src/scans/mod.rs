@@ -6,7 +6,7 @@ mod incoming;
 mod outgoing;
 
 pub use incoming::{Incoming, IncomingCounts};
-pub use outgoing::{Outgoing, Sent};
+pub use outgoing::Outgoing;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -2,24 +2,18 @@
 //! writes to the network. A scan that is put there is written next, by the same thread.
 
 use super::lock;
+use crate::link::{ScanPublishers, spawn_beside_the_writer};
 use process::{BusError, Subscriber};
 use protocol::codec::encode;
 use protocol::link::CarriedScan;
 use protocol::scan::{LaserScan, ScanHeader};
 use protocol::wire::Envelope;
-use std::collections::BTreeMap;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
-use zenoh::Wait;
-use zenoh::pubsub::Publisher;
-use zenoh_runtime::ZRuntime;
-
-/// The lasers whose scans go from here: by the index in the site the id, and what they are put to.
-pub type Sent = BTreeMap<u32, (String, Publisher<'static>)>;
 
 /// The scans of an area that go from here.
 #[derive(Debug)]
@@ -36,12 +30,15 @@ impl Outgoing {
     ///
     /// # Errors
     /// If the system gives no more file descriptors.
-    pub fn start(scans: Subscriber<ScanHeader, f32>, lasers: &Arc<Sent>) -> io::Result<Arc<Self>> {
+    pub fn start(
+        scans: Subscriber<ScanHeader, f32>,
+        lasers: &Arc<ScanPublishers>,
+    ) -> io::Result<Arc<Self>> {
         let bell = scans.descriptor().try_clone_to_owned()?;
         let (sent, refused) = (AtomicU64::new(0), AtomicU64::new(0));
         let failed = Mutex::new(None);
         let outgoing = Arc::new(Self { scans: Mutex::new(Some(scans)), sent, refused, failed });
-        ZRuntime::TX.spawn(Arc::clone(&outgoing).carry(bell, Arc::clone(lasers)));
+        spawn_beside_the_writer(Arc::clone(&outgoing).carry(bell, Arc::clone(lasers)));
         Ok(outgoing)
     }
 
@@ -65,13 +62,13 @@ impl Outgoing {
         *lock(&self.scans) = None;
     }
 
-    async fn carry(self: Arc<Self>, bell: OwnedFd, lasers: Arc<Sent>) {
+    async fn carry(self: Arc<Self>, bell: OwnedFd, lasers: Arc<ScanPublishers>) {
         if let Err(error) = self.carry_on(bell, &lasers).await {
             *lock(&self.failed) = Some(error);
         }
     }
 
-    async fn carry_on(&self, bell: OwnedFd, lasers: &Sent) -> Result<(), BusError> {
+    async fn carry_on(&self, bell: OwnedFd, lasers: &ScanPublishers) -> Result<(), BusError> {
         let broken = |source| BusError::System { action: "wait for scans", source };
         // SAFETY: the descriptor is open, is owned by what is made of it, and an `OwnedFd` names the same
         // one until it is dropped.
@@ -89,7 +86,7 @@ impl Outgoing {
     }
 
     /// Sends what is there.
-    async fn send_all(&self, lasers: &Sent) -> Result<(), BusError> {
+    async fn send_all(&self, lasers: &ScanPublishers) -> Result<(), BusError> {
         while self.send_one(lasers)? {
             // zenoh writes it now: who waits for room on its only thread would wait in vain.
             tokio::task::yield_now().await;
@@ -103,14 +100,14 @@ impl Outgoing {
     }
 
     /// False if there is none.
-    fn send_one(&self, lasers: &Sent) -> Result<bool, BusError> {
+    fn send_one(&self, lasers: &ScanPublishers) -> Result<bool, BusError> {
         let mut scans = lock(&self.scans);
         let Some(sample) = scans.as_mut().map(Subscriber::receive).transpose()?.flatten() else {
             return Ok(false);
         };
         let header = *sample.header();
         let Envelope { session, seq, source, .. } = header.envelope;
-        let Some((laser, publisher)) = lasers.get(&source) else {
+        let Some(laser) = lasers.laser(source).map(str::to_owned) else {
             return Ok(true); // of another host, for an area that both may run
         };
         let scan = (!sample.is_end_of_stream()).then(|| LaserScan {
@@ -119,10 +116,9 @@ impl Outgoing {
             geometry: header.geometry,
             ranges_m: sample.payload().to_vec(),
         });
-        // `Ok` of zenoh means nothing but that it was tried: the reader counts by the scans' numbers.
-        let put = encode(&CarriedScan { laser: laser.clone(), session, seq, scan })
-            .is_ok_and(|bytes| publisher.put(bytes).wait().is_ok());
-        let counter = if put { &self.sent } else { &self.refused };
+        let is_sent = encode(&CarriedScan { laser, session, seq, scan })
+            .is_ok_and(|bytes| lasers.put(source, bytes));
+        let counter = if is_sent { &self.sent } else { &self.refused };
         counter.fetch_add(1, Ordering::Relaxed);
         Ok(true)
     }
