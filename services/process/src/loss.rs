@@ -56,17 +56,19 @@ impl LossCounter {
         if envelope.session > source.session {
             source.session = envelope.session;
             source.counted.restarts += 1;
-            source.counted.lost += envelope.seq;
+            source.counted.lost = source.counted.lost.saturating_add(envelope.seq);
             source.next_seq = envelope.seq.saturating_add(1);
         } else if envelope.session == source.session {
             if envelope.seq >= source.next_seq {
-                source.counted.lost += envelope.seq - source.next_seq;
+                let missed = envelope.seq - source.next_seq;
+                source.counted.lost = source.counted.lost.saturating_add(missed);
                 source.next_seq = envelope.seq.saturating_add(1);
             } else {
                 source.counted.duplicates += 1;
             }
         } // else: the rest of the queue of a publisher that died, after its successor's first
-        self.total.lost += source.counted.lost - before.lost;
+        let lost = source.counted.lost - before.lost;
+        self.total.lost = self.total.lost.saturating_add(lost);
         self.total.duplicates += source.counted.duplicates - before.duplicates;
         self.total.restarts += source.counted.restarts - before.restarts;
     }
@@ -120,6 +122,17 @@ mod tests {
         see(&mut counter, 0, 10, &[0]);
         see(&mut counter, 0, 20, &[3]);
         assert_eq!(counter.total().lost, 3);
+    }
+
+    #[test]
+    fn numbers_that_nobody_counts_to_stop_nothing() {
+        let mut counter = LossCounter::default();
+        see(&mut counter, 0, 1, &[0, u64::MAX]);
+        see(&mut counter, 0, 2, &[u64::MAX]);
+        see(&mut counter, 0, 3, &[u64::MAX]);
+        see(&mut counter, 1, 1, &[0, u64::MAX]);
+        assert_eq!(counter.total().lost, u64::MAX);
+        assert_eq!(counter.total().received, 6);
     }
 
     #[test]
