@@ -243,7 +243,7 @@ impl Encoded for Claims {
     const NAME: &'static str = "Claims";
 
     fn check(&self) -> Result<(), String> {
-        self.check_lengths()
+        self.check_bounds()
     }
 }
 

@@ -86,6 +86,9 @@ impl EventPage {
     }
 }
 
+/// Highest epoch that a host may claim: two takeovers a second for longer than anybody watches. Above it
+/// there is room for the next ones.
+pub const EPOCH_MAX: u64 = 1 << 60;
 /// Most areas whose claims are told at once.
 const CLAIMS_MAX: usize = crate::site::AREAS_MAX;
 /// Most bytes of a file in one [`FilePage`].
@@ -154,17 +157,21 @@ pub struct Claims {
 }
 
 impl Claims {
-    /// Not too many.
+    /// Not too many, of epochs that may be.
     ///
     /// # Errors
     /// A sentence with what was found and what was expected.
-    pub fn check_lengths(&self) -> Result<(), String> {
+    pub fn check_bounds(&self) -> Result<(), String> {
         let files = self.claims.iter().map(|claim| claim.files.len()).max().unwrap_or(0);
         if self.claims.len() > CLAIMS_MAX || files > AreaFile::ALL.len() {
             let (found, files_max) = (self.claims.len(), AreaFile::ALL.len());
             return Err(format!(
                 "{found} claims of up to {files} files, expected at most {CLAIMS_MAX} of {files_max}"
             ));
+        }
+        if let Some(claim) = self.claims.iter().find(|claim| claim.epoch > EPOCH_MAX) {
+            let Claim { area, epoch, .. } = claim;
+            return Err(format!("epoch {epoch} of area {area:?}, expected at most {EPOCH_MAX}"));
         }
         Ok(())
     }

@@ -41,6 +41,8 @@ pub struct Dropped {
     pub maps: u64,
     /// Messages that were longer than any of their kind may be.
     pub too_long: u64,
+    /// Questions that were not understood.
+    pub not_understood: u64,
 }
 
 /// A question to the own journal: everything after a row, and how to answer.
@@ -158,15 +160,15 @@ impl<Q> Inbox<Q> {
         self.ring(queues);
     }
 
-    /// A question to the own journal.
-    pub fn ask(&self, ask: Ask<Q>) {
+    /// A question to the own journal; comes back if there is no room.
+    #[must_use]
+    pub fn ask(&self, ask: Ask<Q>) -> Option<Ask<Q>> {
         let mut queues = self.lock();
-        if queues.asks.len() < ASKS_MAX {
-            queues.asks.push_back(ask);
-        } else {
-            queues.dropped.asks += 1;
-        }
+        let Queues { asks, dropped, .. } = &mut *queues;
+        let refused = push_first(asks, ask);
+        dropped.asks += u64::from(refused.is_some());
         self.ring(queues);
+        refused
     }
 
     /// The token of a host came, or went.
@@ -194,15 +196,15 @@ impl<Q> Inbox<Q> {
         self.ring(queues);
     }
 
-    /// A question for a file.
-    pub fn ask_file(&self, ask: FileAsk<Q>) {
+    /// A question for a file; comes back if there is no room.
+    #[must_use]
+    pub fn ask_file(&self, ask: FileAsk<Q>) -> Option<FileAsk<Q>> {
         let mut queues = self.lock();
-        if queues.file_asks.len() < ASKS_MAX {
-            queues.file_asks.push_back(ask);
-        } else {
-            queues.dropped.asks += 1;
-        }
+        let Queues { file_asks, dropped, .. } = &mut *queues;
+        let refused = push_first(file_asks, ask);
+        dropped.asks += u64::from(refused.is_some());
         self.ring(queues);
+        refused
     }
 
     /// A frame or a map of the `place.0`th area that this host follows, from the host of this index.
@@ -229,6 +231,11 @@ impl<Q> Inbox<Q> {
     /// Something was longer than it may be, and was not taken.
     pub fn too_long(&self) {
         self.lock().dropped.too_long += 1;
+    }
+
+    /// A question was none of ours, and was not taken.
+    pub fn not_understood(&self) {
+        self.lock().dropped.not_understood += 1;
     }
 
     /// Takes everything, and silences the bell.
@@ -279,6 +286,15 @@ fn push_newest<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> u64 {
     u64::from(full)
 }
 
+/// Puts a question at the end; it comes back if there is no room.
+fn push_first<T>(queue: &mut VecDeque<T>, question: T) -> Option<T> {
+    if queue.len() >= ASKS_MAX {
+        return Some(question);
+    }
+    queue.push_back(question);
+    None
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -304,7 +320,8 @@ mod tests {
         let inbox = Inbox::new().unwrap();
         for n in 0..100u64 {
             inbox.page(0, vec![n as u8]);
-            inbox.ask(Ask { after: n, query: n });
+            let refused = inbox.ask(Ask { after: n, query: n });
+            assert_eq!(refused.map(|ask| ask.after), (n >= ASKS_MAX as u64).then_some(n));
             inbox.health(0, vec![n as u8]);
         }
         let arrived = inbox.take();

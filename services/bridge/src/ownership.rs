@@ -128,8 +128,9 @@ impl Tenure {
 
     fn take_over(&mut self) {
         // The next of its own parity, above all that is known.
-        let next = self.epoch + 1;
-        self.epoch = next + u64::from((next % 2 == 1) != self.is_standby);
+        let next = self.epoch.saturating_add(1);
+        let other_parity = u64::from((next % 2 == 1) != self.is_standby);
+        self.epoch = next.saturating_add(other_parity);
         self.owns = true;
     }
 

@@ -11,7 +11,7 @@ use areas::Areas;
 use maps::Maps;
 use scans::Arrivals;
 
-use crate::cursor::Shelf;
+use crate::cursor::{Kept, Shelf};
 use crate::follower::{Follower, Origins};
 use crate::guard::Alarm;
 use crate::inbox::{Arrived, Inbox};
@@ -120,6 +120,7 @@ struct Bridge {
     areas: Areas,
     maps: Maps,
     counters: Counters,
+    strange: [health::Strange; 2],
 }
 
 impl Bridge {
@@ -128,6 +129,13 @@ impl Bridge {
         let session::Opened { me, session, certificate } = opened;
         let Arrivals { streams, of_areas } = Arrivals::open(worker, &site, &me)?;
         let shelf = Shelf::open(&worker.instance.state_dir)?;
+        let Kept { value: epoch, damage } = shelf.epoch(wall_ns())?;
+        let fault = damage.map(|damage| {
+            format!(
+                "{damage}; the desks read the journal of this host once more from its first row"
+            )
+        });
+        worker.health.set_fault("journal_name_damaged", fault);
         let now_ns = monotonic_ns();
         let followed = if me.desk { follow(&site, &me, &shelf, now_ns) } else { Vec::new() };
         let events = if me.desk {
@@ -160,12 +168,7 @@ impl Bridge {
             events,
             acknowledgements,
             followed,
-            teller: Teller::new(
-                &me.id,
-                &worker.instance.run_dir,
-                &worker.events,
-                shelf.epoch(wall_ns())?,
-            ),
+            teller: Teller::new(&me.id, &worker.instance.run_dir, &worker.events, epoch),
             shelf,
             remote: site.hosts.iter().map(|host| remote(&site, host, &me, now_ns)).collect(),
             areas_of: site.hosts.iter().map(|host| areas_of(&site, host)).collect(),
@@ -178,6 +181,7 @@ impl Bridge {
             areas,
             maps,
             counters: Counters::default(),
+            strange: health::Strange::both(),
         })
     }
 
@@ -235,7 +239,7 @@ impl Bridge {
     fn take_arrived(&mut self) -> Result<(), Failure> {
         let Arrived { health, pages, asks, alive, claims, files, file_asks, views } =
             self.inbox.take();
-        self.take_areas(alive, claims)?;
+        self.take_areas(alive, claims);
         self.take_files(files, file_asks);
         let now_ns = monotonic_ns();
         self.take_maps(views)?;
@@ -314,7 +318,7 @@ impl Bridge {
                 self.teller.ready(token, now_ns, &mut out);
             }
         }
-        self.serve_areas()?;
+        self.serve_areas();
         self.teller.tick(now_ns, &mut out);
         self.tell(out);
         let mut again = Vec::new();

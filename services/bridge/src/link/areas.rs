@@ -1,7 +1,9 @@
 //! What two hosts that may run an area say to each other: that they are there, what they claim, and the
 //! files that the one copies of the other.
 
-use super::{Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, publisher, receive, take};
+use super::{
+    Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, end_unanswered, publisher, receive, take,
+};
 use crate::inbox::{FileAsk, Inbox};
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::{AreaFile, FILE_PAGE_BYTES_MAX, FilePage};
@@ -56,9 +58,13 @@ impl Sharing {
             session
                 .declare_queryable(topic::replica_key(&site.name, &me.id, &area))
                 .callback(move |query| {
-                    if let Some(ask) = file_ask(&area, query) {
-                        inbox.ask_file(ask);
-                    }
+                    let Some((file, offset)) = part(&query) else {
+                        inbox.not_understood();
+                        return end_unanswered(query);
+                    };
+                    let area = area.clone();
+                    let ask = FileAsk { area, file, offset, query: Asker(query) };
+                    inbox.ask_file(ask).into_iter().for_each(end_unanswered);
                 })
                 .background()
                 .wait()
@@ -71,16 +77,15 @@ impl Sharing {
     }
 }
 
-/// `file=map;offset=0`; none if it is not understood: who asked hears nothing, and asks again.
-fn file_ask(area: &str, query: Query) -> Option<FileAsk<Asker>> {
+/// `file=map;offset=0`; none if it is not understood.
+fn part(query: &Query) -> Option<(AreaFile, u64)> {
     let parameters = query.parameters();
     let file = match parameters.get("file")? {
         "map" => AreaFile::Map,
         "normal" => AreaFile::Normal,
         _ => return None,
     };
-    let offset = parameters.get("offset")?.parse().ok()?;
-    Some(FileAsk { area: area.to_owned(), file, offset, query: Asker(query) })
+    Some((file, parameters.get("offset")?.parse().ok()?))
 }
 
 impl Link {

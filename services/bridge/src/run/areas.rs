@@ -1,9 +1,10 @@
 //! The areas that this host shares with another one: who runs them, and the copies for when that changes.
 
 use super::{Bridge, encoded, refuse};
+use crate::cursor::Kept;
 use crate::inbox::FileAsk;
 use crate::link::Asker;
-use crate::ownership::{Said, Tenure};
+use crate::ownership::{Said, Stored, Tenure};
 use crate::replica::{self, Replica};
 use process::{Failure, Publisher, Worker, monotonic_ns, wall_ns};
 use protocol::codec::{decode, encode};
@@ -27,6 +28,8 @@ struct Shared {
     /// The index of the other host.
     other: usize,
     tenure: Tenure,
+    /// What of it is on disk.
+    on_disk: Stored,
     replica: Replica,
     /// The streams of its scans that come from other hosts.
     streams: Vec<usize>,
@@ -46,6 +49,8 @@ pub(super) struct Areas {
     moves: u64,
     files_refused: u64,
     trouble: Option<String>,
+    /// When a tenure could not be written, CLOCK_MONOTONIC, and why.
+    unwritten: Option<(u64, String)>,
 }
 
 /// The ids of the areas that `me` shares with another host.
@@ -72,12 +77,18 @@ impl Areas {
             let other = if is_standby { &area.host } else { &area.standby };
             let other = site.hosts.iter().position(|host| Some(&host.id) == other.as_ref());
             let Some(other) = other else { continue };
-            let stored = shelf.tenure(&id)?.unwrap_or_default();
+            let Kept { value, damage } = shelf.tenure(&id, wall_ns())?;
+            let fault = damage.map(|damage| {
+                format!("{damage}; who owns area {id} is asked of host {}", site.hosts[other].id)
+            });
+            worker.health.set_fault(&format!("tenure_damaged {id}"), fault);
+            let stored = value.unwrap_or_default();
             let of_area = |(_, other): &(usize, &String)| **other == id;
             shared.push(Shared {
                 area: area.clone(),
                 other,
                 tenure: Tenure::new(is_standby, stored, run, now_ns),
+                on_disk: stored,
                 replica: Replica::new(&state_dir, &id),
                 streams: streams.iter().enumerate().filter(of_area).map(|(n, _)| n).collect(),
                 files: Vec::new(),
@@ -85,9 +96,17 @@ impl Areas {
             });
         }
         let ownership = worker.bus.publisher(&topic::ownership(), 0)?;
-        let (claimed_ns, moves, files_refused, trouble) = (0, 0, 0, None);
-        let host = me.id.clone();
-        Ok(Self { host, shared, ownership, state_dir, claimed_ns, moves, files_refused, trouble })
+        Ok(Self {
+            host: me.id.clone(),
+            shared,
+            ownership,
+            state_dir,
+            claimed_ns: 0,
+            moves: 0,
+            files_refused: 0,
+            trouble: None,
+            unwritten: None,
+        })
     }
 
     fn of(&mut self, area: &str) -> Option<&mut Shared> {
@@ -152,7 +171,7 @@ impl Bridge {
         &mut self,
         alive: BTreeMap<usize, bool>,
         claims: BTreeMap<usize, Vec<u8>>,
-    ) -> Result<(), Failure> {
+    ) {
         let now_ns = monotonic_ns();
         for (host, alive) in alive {
             let shared = self.areas.shared.iter_mut().filter(|shared| shared.other == host);
@@ -164,16 +183,33 @@ impl Bridge {
                     let expected = self.hosts[host].id.clone();
                     self.misrouted(&expected, &claims.host);
                 }
-                Ok(claims) => self.take_claims(host, claims, now_ns)?,
+                Ok(claims) => self.take_claims(host, claims, now_ns),
                 Err(error) => {
                     refuse(&mut self.areas.files_refused, &self.hosts[host].id, &error);
                 }
             }
         }
-        Ok(())
     }
 
-    fn take_claims(&mut self, host: usize, claims: Claims, now_ns: u64) -> Result<(), Failure> {
+    /// Brings to the disk who owns what, if that is not there yet. A disk that takes nothing is a fault, and
+    /// is tried again; the areas are watched all the same: the epochs of two hosts are never the same
+    /// ones, and after a restart the other host tells the highest.
+    fn keep_tenures(&mut self, now_ns: u64) {
+        let mut unwritten = None;
+        for shared in &mut self.areas.shared {
+            let stored = shared.tenure.stored();
+            if stored == shared.on_disk {
+                continue;
+            }
+            match self.shelf.store_tenure(&shared.area.id, stored) {
+                Ok(()) => shared.on_disk = stored,
+                Err(error) => unwritten = Some((now_ns, error.to_string())),
+            }
+        }
+        self.areas.unwritten = unwritten;
+    }
+
+    fn take_claims(&mut self, host: usize, claims: Claims, now_ns: u64) {
         if let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) {
             remote.heard(now_ns);
             let not_there = claims.claims.iter().filter(|claim| !claim.owns);
@@ -188,13 +224,9 @@ impl Bridge {
             let Some(index) = index else { continue };
             let shared = &mut self.areas.shared[index];
             let owned = shared.tenure.owns();
-            let before = shared.tenure.stored();
             shared.tenure.said(Said { epoch, owns, releases }, now_ns);
             if owns && !shared.tenure.owns() {
                 shared.replica.offered(&files);
-            }
-            if shared.tenure.stored() != before {
-                self.shelf.store_tenure(&area, shared.tenure.stored())?;
             }
             if owned && !self.areas.shared[index].tenure.owns() {
                 let host = &self.hosts[host].id;
@@ -203,7 +235,6 @@ impl Bridge {
                 self.moved(index, false, now_ns);
             }
         }
-        Ok(())
     }
 
     fn moved(&mut self, index: usize, owns: bool, now_ns: u64) {
@@ -252,15 +283,20 @@ impl Bridge {
     }
 
     /// What is due: an area that nobody runs any more, claims, a page of a copy.
-    pub(super) fn serve_areas(&mut self) -> Result<(), Failure> {
+    pub(super) fn serve_areas(&mut self) {
         let now_ns = monotonic_ns();
+        let retry_ns =
+            self.areas.unwritten.as_ref().map_or(0, |(tried_ns, _)| tried_ns + SECOND_NS);
+        if now_ns >= retry_ns {
+            self.keep_tenures(now_ns);
+        }
         for index in 0..self.areas.shared.len() {
             let shared = &mut self.areas.shared[index];
             if shared.tenure.tick(now_ns) {
                 let (id, epoch) = (shared.area.id.clone(), shared.tenure.epoch());
-                // Stored before anybody acts on it: no epoch is used twice.
-                self.shelf.store_tenure(&id, shared.tenure.stored())?;
                 shared.replica.stop();
+                // Stored before anybody acts on it: no epoch is used twice.
+                self.keep_tenures(now_ns);
                 tracing::warn!("area {id} runs on this host from now on, epoch {epoch}");
                 self.moved(index, true, now_ns);
                 continue;
@@ -292,7 +328,6 @@ impl Bridge {
             let claims = self.areas.claims();
             encoded(&claims).into_iter().for_each(|bytes| self.link.send_claims(bytes));
         }
-        Ok(())
     }
 
     /// This host stops in good order: the others need not wait until it is missed.
@@ -319,6 +354,13 @@ impl Bridge {
         health.set_count("files_copied", copied);
         let trouble = self.areas.trouble.as_ref().map(|trouble| format!("no copy: {trouble}"));
         health.set_fault("replica_unwritable", trouble);
+        let unwritten = self.areas.unwritten.as_ref().map(|(_, error)| {
+            format!(
+                "{error}: which host owns its areas is not on disk. They are watched all the same; after a \
+                 restart this host asks the other one. Free space, or repair the disk"
+            )
+        });
+        health.set_fault("tenure_unwritable", unwritten);
         for shared in &self.areas.shared {
             let (id, owns) = (&shared.area.id, shared.tenure.owns());
             health.gauge(&format!("area_runs_here {id}"), f64::from(u8::from(owns)));

@@ -8,6 +8,37 @@ use protocol::time::SECOND_NS;
 
 /// The fault is over when nothing came under a wrong key for so long.
 const MISROUTED_QUIET_NS: u64 = 60 * SECOND_NS;
+/// Questions and pages are put off now and then while a desk catches up; so many a second are a flood.
+const FLOOD_A_SECOND: u64 = 100;
+
+/// A count that should not grow: looked at once a second.
+#[derive(Debug)]
+pub(super) struct Strange {
+    /// Growth within a second that is no reason to say anything.
+    tolerated: u64,
+    before: u64,
+    /// When it last grew by more, CLOCK_MONOTONIC, and what it was before that began.
+    last: Option<(u64, u64)>,
+}
+
+impl Strange {
+    /// Of what is refused none, of what is put off less than a flood.
+    pub(super) fn both() -> [Self; 2] {
+        [0, FLOOD_A_SECOND].map(|tolerated| Self { tolerated, before: 0, last: None })
+    }
+
+    /// What to say, given how often it was since it began; for a minute after it last grew.
+    fn fault(&mut self, total: u64, now_ns: u64, say: impl Fn(u64) -> String) -> Option<String> {
+        let before = std::mem::replace(&mut self.before, total);
+        if total.saturating_sub(before) > self.tolerated {
+            let began = self.last.map_or(before, |(_, began)| began);
+            self.last = Some((now_ns, began));
+        }
+        self.last =
+            self.last.filter(|(last_ns, _)| now_ns.saturating_sub(*last_ns) < MISROUTED_QUIET_NS);
+        self.last.map(|(_, began)| say(total - began))
+    }
+}
 
 impl Bridge {
     /// Once a second: how we are, and how the others are.
@@ -41,12 +72,35 @@ impl Bridge {
             ("pages_put_off", dropped.pages),
             ("questions_put_off", dropped.asks + self.teller.unanswered()),
             ("messages_refused_too_long", dropped.too_long),
+            ("questions_refused", dropped.not_understood),
         ] {
             health.set_count(name, total);
         }
         for (name, total) in self.maps.counts() {
             health.set_count(name, total);
         }
+        let refused = scans.refused
+            + counters.health_refused
+            + not_there
+            + foreign
+            + counters.pages_refused
+            + dropped.too_long
+            + dropped.not_understood;
+        let put_off = dropped.health + dropped.pages + dropped.asks;
+        let [nonsense, flood] = &mut self.strange;
+        health.set_fault("messages_refused", nonsense.fault(refused, now_ns, |count| {
+            format!(
+                "{count} messages of other hosts were refused in the last minute or before: they broke a \
+                 bound, or were of nobody who is there; the log says more. A host with another version \
+                 or another site file, or one that lies"
+            )
+        }));
+        health.set_fault("flooded", flood.fault(put_off, now_ns, |count| {
+            format!(
+                "other hosts send faster than this one reads: {count} messages were put off. If it \
+                 stays, look which host is beside itself (`tog status --site`) and restart it"
+            )
+        }));
         health.set_count("maps_dropped", dropped.maps);
         health.gauge("maps_wanted", self.maps.wanted() as f64);
         let lately = |last: &&(u64, String)| now_ns.saturating_sub(last.0) < MISROUTED_QUIET_NS;
