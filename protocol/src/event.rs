@@ -114,7 +114,8 @@ pub enum EventState {
 pub struct EventChange {
     /// Who tells: the area's id, or `host` for faults of the host.
     pub origin: String,
-    /// Grows by one a change of this origin, from 1, across restarts.
+    /// Grows by one a change of this origin, from 1, across restarts; of an origin that forgot its numbers see
+    /// [`numbering`].
     pub sequence: u64,
     /// One id for one happening, the same in all its changes: `<origin>-<n>`.
     pub id: String,
@@ -184,6 +185,32 @@ impl EventChange {
         }
     }
 }
+
+/// A numbering counts so many changes before it runs into numbers of the next second.
+const NUMBERING_BITS: u32 = 20;
+/// 2026-01-01, UNIX seconds.
+const NUMBERING_BEGIN_S: u64 = 1_767_225_600;
+
+/// Where an origin goes on that may have told changes which it does not remember: its state is lost, but
+/// desks on other hosts have what it told. The numbers before the first change and before the first event,
+/// above all that it gave before (unless the clock was wrong, or it told a million changes a second).
+///
+/// Whoever keeps its numbers on the disk of its only journal begins at 0 instead.
+#[must_use]
+pub fn numbering(unix_ns: u64) -> (u64, u64) {
+    let seconds = (unix_ns / crate::time::SECOND_NS).saturating_sub(NUMBERING_BEGIN_S);
+    (seconds << NUMBERING_BITS, seconds)
+}
+
+/// True if this sequence is the first of a [`numbering`]: nothing is missing before it, although its
+/// origin told lower ones.
+#[must_use]
+pub fn begins_numbering(sequence: u64) -> bool {
+    sequence >> NUMBERING_BITS > 0 && sequence & NUMBERING_MASK == 1
+}
+
+/// The bits of a sequence that count within its numbering.
+pub const NUMBERING_MASK: u64 = (1 << NUMBERING_BITS) - 1;
 
 /// Origin of the faults that the journal of a host tells of itself: `host.alerts`, and
 /// `host.<host>.alerts` where a site has several hosts. No area has a dot in its id.

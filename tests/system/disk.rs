@@ -14,7 +14,7 @@ pub struct Disk(PathBuf);
 
 impl Disk {
     /// `None` where nobody may mount.
-    fn mount(at: &Path) -> Option<Self> {
+    pub fn mount(at: &Path) -> Option<Self> {
         Self::mount_of(at, "4m")
     }
 

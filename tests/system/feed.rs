@@ -3,7 +3,7 @@
 
 use alerts::{JOURNAL_FILE, Journal};
 use harness::{Running, Site, WATCHDOG, find, kill};
-use protocol::event::{EventChange, EventKind, EventState};
+use protocol::event::{EventChange, EventKind, EventState, begins_numbering};
 use rustix::process::Signal;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -118,6 +118,9 @@ pub fn assert_whole(rows: &[(u64, EventChange)]) {
     for (n, (journal_id, change)) in rows.iter().enumerate() {
         assert_eq!(*journal_id, rows[0].0 + n as u64, "{rows:#?}");
         let next = next.entry(&change.origin).or_insert(1);
+        if begins_numbering(change.sequence) {
+            *next = change.sequence;
+        }
         assert_eq!(change.sequence, *next, "{rows:#?}");
         *next += 1;
         stories.entry(&change.id).or_default().push(change.state);

@@ -13,6 +13,7 @@
 //! | `lan` | three hosts, links that are cut, four lasers at 75 Hz |
 //! | `upgrade` | hosts of two versions |
 //! | `router` | a desk that is a client of two hosts |
+//! | `lost_state` | a host whose state is lost, or restored from a backup: its desk goes on |
 //! | `look` | the ways to look at a running site: the building, Prometheus, a terminal |
 //! | `doctor` | what `tog doctor` says, before and while a site runs |
 //! | `systemd` | what systemd is told, and what the unit says |
@@ -38,6 +39,7 @@ mod kills;
 mod lan;
 mod life;
 mod look;
+mod lost_state;
 mod overhead;
 mod recorder;
 mod removed;

@@ -2,6 +2,7 @@
 //! again as soon as all hear each other.
 
 use super::bridge::{hosts, journal_of, of};
+use super::disk::Disk;
 use super::feed::Desk;
 use harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
 use rustix::process::Signal;
@@ -154,5 +155,76 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
     }
     let owner = if is_main { &mut main } else { &mut spare };
     owner.stop();
+    edge.stop();
+}
+
+#[test]
+fn a_standby_whose_disk_is_full_takes_over_and_says_so() {
+    let toml = three_hosts();
+    let setup = Setup::new(&toml).arguments(["--host", "spare"]);
+    let Some(disk) = Disk::mount(&setup.dir().join("state")) else {
+        println!("skipped: no right to mount a small disk");
+        return;
+    };
+    let (mut edge, mut main) = (start(&toml, "edge"), start(&toml, "main"));
+    let mut spare = setup.start();
+    let disk = disk; // gone before the directory of the site
+    wait_until_it_runs(&mut main);
+    wait_until_it_stands_by(&mut spare);
+    disk.fill();
+    kill_host(&mut main);
+    wait_until_it_runs(&mut spare);
+    let fault = |report: &StatusReport| {
+        let mut faults = find(report, "bridge").faults.iter();
+        faults.find(|fault| fault.code == "tenure_unwritable").map(|fault| fault.text.clone())
+    };
+    let text = spare.wait_until("the full disk is told", fault);
+    assert!(text.contains("tenure-hall.json") && text.contains("No space"), "{text}");
+    // Somebody watches. What is not in the journal there is told there only; the desk hears that the host
+    // is not well.
+    let told = Desk::open_while_degraded(&spare);
+    let raised = told.hold_laser_until_told(&mut edge, 0);
+    assert_eq!((raised.change.origin.as_str(), raised.journaled), ("hall@spare", false));
+    edge.wait_until("the desk hears of it", |report| {
+        let unwell = |f: &&protocol::health::Fault| f.code == "host_unwell spare";
+        let fault = find(report, "bridge").faults.iter().find(unwell)?;
+        fault.text.contains("journal_unwritable").then_some(())
+    });
+    disk.free();
+    let at_edge = Desk::open_while_degraded(&edge);
+    at_edge.wait_for(0, "the event", |told| told.change.id == raised.change.id);
+    spare.wait_until("room again", |report| fault(report).is_none().then_some(()));
+    let stored = std::fs::read_to_string(spare.dir.join("state/spare/bridge/tenure-hall.json"));
+    assert!(stored.unwrap().contains("\"owns\":true"));
+    spare.stop();
+    edge.stop();
+}
+
+#[test]
+fn damaged_files_of_a_bridge_are_kept_aside_and_the_host_goes_on() {
+    let toml = three_hosts();
+    let (mut edge, mut main, mut spare) =
+        (start(&toml, "edge"), start(&toml, "main"), start(&toml, "spare"));
+    wait_until_it_runs(&mut main);
+    wait_until_it_stands_by(&mut spare);
+    main.stop();
+    let bridge = main.dir.join("state/main/bridge");
+    for file in ["epoch.json", "tenure-hall.json"] {
+        std::fs::write(bridge.join(file), "{").unwrap();
+    }
+    wait_until_it_runs(&mut spare);
+    main.start_again();
+    for code in ["tenure_damaged hall", "journal_name_damaged"] {
+        let text = main.wait_until(code, |report| {
+            let mut faults = find(report, "bridge").faults.iter();
+            faults.find(|fault| fault.code == code).map(|fault| fault.text.clone())
+        });
+        assert!(text.contains("is damaged") && text.contains(".damaged-"), "{text}");
+    }
+    wait_until_it_stands_by(&mut main);
+    assert!(runs_here(&spare.status().unwrap()), "one runs it");
+    spare.stop();
+    wait_until_it_runs(&mut main);
+    main.stop();
     edge.stop();
 }

@@ -6,7 +6,7 @@
 //! the caller journals: late and with a warning, but never silent. Pure: time is an argument
 //! (CLOCK_MONOTONIC, nanoseconds).
 
-use protocol::event::EventChange;
+use protocol::event::{EventChange, begins_numbering};
 use std::collections::BTreeMap;
 
 /// Most origins: a site has at most 64 areas and a few hosts; the rest is for areas that were
@@ -110,9 +110,13 @@ impl Intake {
         if change.sequence < origin.next {
             return Offered::Before(Box::new(change));
         }
-        if change.sequence == origin.next {
+        if change.sequence == origin.next || begins_numbering(change.sequence) {
+            // Where a numbering begins: what is missing before, its origin has forgotten.
+            let later = origin.held.split_off(&change.sequence);
+            let before = std::mem::replace(&mut origin.held, later).into_values();
+            origin.next = change.sequence;
             origin.held.insert(change.sequence, change);
-            return Offered::Ready(origin.take_ready());
+            return Offered::Ready(before.chain(origin.take_ready()).collect());
         }
         let is_new = origin.held.is_empty();
         if is_new {
@@ -157,6 +161,23 @@ mod tests {
 
     fn sequences(changes: &[EventChange]) -> Vec<u64> {
         changes.iter().map(|change| change.sequence).collect()
+    }
+
+    #[test]
+    fn an_origin_that_forgot_its_numbers_goes_on_at_once() {
+        let mut intake = Intake::default();
+        intake.know("foyer", 4);
+        intake.offer(change("foyer", 6), 10);
+        let (begin, _) = protocol::event::numbering(1_795_000_000_000_000_000);
+        let Offered::Ready(ready) = intake.offer(change("foyer", begin + 1), 11) else { panic!() };
+        assert_eq!(sequences(&ready), [6, begin + 1], "5 is forgotten");
+        assert_eq!(intake.deadline_ns(), None);
+        assert_eq!(intake.offer(change("foyer", begin + 3), 12), Offered::Held(true));
+        assert!(matches!(intake.offer(change("foyer", 5), 13), Offered::Before(_)));
+        let Offered::Ready(ready) = intake.offer(change("foyer", begin + 2), 14) else { panic!() };
+        assert_eq!(sequences(&ready), [begin + 2, begin + 3]);
+        let Offered::Ready(ready) = intake.offer(change("hall", begin + 1), 11) else { panic!() };
+        assert_eq!(sequences(&ready), [begin + 1], "nobody has heard of it");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What the tests of this crate share.
 
-use protocol::event::{EventChange, EventKind, EventState};
+use protocol::event::{EventChange, EventKind, EventState, NUMBERING_MASK};
 
 /// A change like those of a foyer; every field differs with `sequence`.
 pub(crate) fn change(origin: &str, sequence: u64) -> EventChange {
@@ -11,7 +11,7 @@ pub(crate) fn change(origin: &str, sequence: u64) -> EventChange {
         id: format!("{origin}-{sequence}"),
         kind: EventKind::UnusualActivity,
         state: EventState::Raised,
-        stamp_ns: 1_794_976_001_000_000_000 + sequence * 100_000_000,
+        stamp_ns: 1_794_976_001_000_000_000 + (sequence & NUMBERING_MASK) * 100_000_000,
         first_evidence_ns: 1_794_976_000_000_000_000,
         area: "foyer".to_owned(),
         zone: Some("door".to_owned()),

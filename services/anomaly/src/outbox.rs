@@ -12,7 +12,7 @@
 
 use crate::ledger::number_of;
 use protocol::codec::{decode, encode};
-use protocol::event::{EventChange, EventState};
+use protocol::event::{EventChange, EventState, numbering};
 use std::collections::{BTreeMap, VecDeque};
 
 /// First bytes of the file: name and version.
@@ -91,6 +91,14 @@ impl Outbox {
         }
         outbox.bytes = at;
         Loaded { outbox, good_bytes: at, notice }
+    }
+
+    /// Where an outbox goes on whose file is new, although what its origin told may be elsewhere: see
+    /// [`protocol::event::numbering`].
+    pub fn begin_if_new(&mut self, unix_ns: u64) {
+        if self.bytes == 0 {
+            (self.last_sequence, self.last_number) = numbering(unix_ns);
+        }
     }
 
     fn take(&mut self, body: &[u8]) -> Result<(), String> {
@@ -350,6 +358,24 @@ mod tests {
         let whole = outbox.whole();
         outbox.compacted(whole.len());
         assert_eq!(Outbox::load("hall", &whole).outbox, outbox);
+    }
+
+    #[test]
+    fn a_new_outbox_whose_changes_went_elsewhere_begins_above_all_that_it_told() {
+        let unix_ns = 1_795_000_000_000_000_000;
+        let mut outbox = Outbox::new("hall");
+        outbox.begin_if_new(unix_ns);
+        let (sequence, number) = (outbox.last_sequence(), outbox.last_number());
+        assert!(protocol::event::begins_numbering(sequence + 1));
+        outbox.acknowledge(41);
+        assert_eq!(outbox.last_sequence(), sequence, "an old journal is there");
+        let file = outbox.append(&change(sequence + 1, number + 1, EventState::Raised)).unwrap();
+        let mut again = Outbox::load("hall", &file).outbox;
+        again.begin_if_new(unix_ns + 5_000_000_000);
+        assert_eq!((again.last_sequence(), again.last_number()), (sequence + 1, number + 1));
+        let mut later = Outbox::new("hall");
+        later.begin_if_new(unix_ns + 1_000_000_000);
+        assert!(later.last_sequence() > sequence + 1_000_000 && later.last_number() > number);
     }
 
     #[test]

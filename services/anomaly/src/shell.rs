@@ -90,7 +90,10 @@ impl Service {
         {
             worker.health.fault("model_damaged", words);
         }
-        let (outbox, words) = OutboxFile::open(&state_dir, &origin, stamp_ns).map_err(fail)?;
+        let (mut outbox, words) = OutboxFile::open(&state_dir, &origin, stamp_ns).map_err(fail)?;
+        if worker.site.has_bridges() {
+            outbox.begin_if_new(stamp_ns);
+        }
         if let Some(words) = words {
             worker.health.fault("outbox_damaged", words);
         }

@@ -182,6 +182,11 @@ impl OutboxFile {
         Ok((Self { path, outbox: loaded.outbox, file: Some(file) }, words))
     }
 
+    /// As [`Outbox::begin_if_new`].
+    pub fn begin_if_new(&mut self, unix_ns: u64) {
+        self.outbox.begin_if_new(unix_ns);
+    }
+
     /// Writes changes down: from here on the death of this process loses nothing. What the death of
     /// the machine would lose is synced by [`OutboxFile::sync`]. After an error they are kept in memory,
     /// and written with the next ones or by [`OutboxFile::mend`].

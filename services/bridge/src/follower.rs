@@ -8,14 +8,15 @@
 //! ```
 //!
 //! `cursor <= taken <= head`: up to `cursor` the own journal has everything; from there to `taken` it
-//! was handed on. A bridge that dies begins again at the stored cursor, and hands on again what was
+//! was handed on. A younger journal of the host (its epoch is higher: its state was lost) is followed from
+//! its first row; an older one, or one that says something else than before, stops it. A bridge that dies begins again at the stored cursor, and hands on again what was
 //! not acknowledged: the journal knows an `(origin, sequence)` that it has. So nothing is lost and
 //! nothing is there twice, whoever dies when.
 //!
 //! Pure: the time is an argument (CLOCK_MONOTONIC, nanoseconds).
 
-use protocol::event::EventChange;
-use protocol::link::EventPage;
+use protocol::event::{EventChange, begins_numbering};
+use protocol::link::{EventPage, EventRow};
 use protocol::time::SECOND_NS;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, VecDeque};
@@ -28,6 +29,11 @@ pub const ANSWER_NS: u64 = 3_500_000_000;
 pub const SILENCE_NS: u64 = 3 * SECOND_NS;
 /// What is not acknowledged after this long is handed on again.
 pub const RESEND_NS: u64 = 2 * SECOND_NS;
+/// Rows that are known again if they come once more with another content: a second of a storm.
+const RECENT_MAX: usize = 256;
+/// A journal that ends before what was taken of it in more than every third of its words, for some ten
+/// seconds, is another one.
+const LOW_MAX: u32 = 12;
 
 /// How far the own journal has the journal of another host; what is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -76,7 +82,40 @@ pub struct Follower {
     sent_ns: u64,
     foreign: u64,
     repeated: u64,
+    /// What the last rows said, to know them again.
+    recent: VecDeque<Mark>,
+    /// Grows while the journal ends before what was taken of it.
+    low: u32,
+    /// A numbering begins behind what waits: until that is acknowledged nothing more is taken.
+    holds: bool,
+    replaced: Option<Replaced>,
     other: Option<OtherJournal>,
+}
+
+/// The host began a new journal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Replaced {
+    /// When that was noticed, CLOCK_MONOTONIC, nanoseconds.
+    pub mono_ns: u64,
+    /// The last row of the old one that is here.
+    pub row: u64,
+    /// The last row of it that was heard of.
+    pub head: u64,
+}
+
+/// A row, and which change it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Mark {
+    row: u64,
+    sequence: u64,
+    stamp_ns: u64,
+}
+
+impl Mark {
+    fn of(row: &EventRow) -> Self {
+        let EventRow { journal_id, change } = row;
+        Self { row: *journal_id, sequence: change.sequence, stamp_ns: change.stamp_ns }
+    }
 }
 
 impl Follower {
@@ -95,6 +134,10 @@ impl Follower {
             sent_ns: mono_ns,
             foreign: 0,
             repeated: 0,
+            recent: VecDeque::new(),
+            low: 0,
+            holds: false,
+            replaced: None,
             other: None,
         }
     }
@@ -102,7 +145,8 @@ impl Follower {
     /// Takes a page that was decoded; returns what is to be handed to the own journal, in order.
     ///
     /// # Errors
-    /// If another journal answers. From then on nothing is taken, until a person has decided.
+    /// If another journal answers that is no younger one. From then on nothing is taken, until a person has
+    /// decided.
     pub fn page(
         &mut self,
         page: EventPage,
@@ -112,6 +156,9 @@ impl Follower {
         if let Some(other) = &self.other {
             return Err(other.clone());
         }
+        if self.cursor.epoch.is_some_and(|epoch| page.epoch > epoch) {
+            self.begin_anew(mono_ns);
+        }
         self.compare(&page)?;
         self.cursor.epoch = Some(page.epoch);
         self.head = self.head.max(page.head);
@@ -119,20 +166,31 @@ impl Follower {
             self.asked = None;
             self.synced = true;
         }
-        if page.after > self.taken {
+        if page.after > self.taken || self.holds {
             return Ok(Vec::new()); // rows between are missing: `question` asks for them
         }
         let mut changes = Vec::new();
         for row in page.rows {
+            let mark = Mark::of(&row);
             if row.journal_id <= self.taken {
                 self.repeated += 1;
+                if self.recent.iter().any(|known| known.row == mark.row && *known != mark) {
+                    let row = mark.row;
+                    return Err(self.stop(format!("row {row} is another one than before")));
+                }
                 continue;
             }
-            if self.waiting.len() >= WINDOW {
+            let origin = &row.change.origin;
+            let waits = |waiting: &Waiting| !waiting.done && waiting.change.origin == *origin;
+            self.holds = begins_numbering(row.change.sequence) && self.waiting.iter().any(waits);
+            if self.waiting.len() >= WINDOW || self.holds {
                 break; // asked for again when there is room
             }
             self.taken = row.journal_id;
-            let origin = &row.change.origin;
+            if self.recent.len() >= RECENT_MAX {
+                self.recent.pop_front();
+            }
+            self.recent.push_back(mark);
             let done = !self.origins.own.contains(origin);
             self.foreign += u64::from(done && !self.origins.elsewhere.contains(origin));
             if !done {
@@ -147,18 +205,38 @@ impl Follower {
         Ok(changes)
     }
 
+    /// Goes on with the first row of a younger journal. What was handed on still waits for its
+    /// acknowledgement; what the old journal held besides is gone with it.
+    fn begin_anew(&mut self, mono_ns: u64) {
+        self.replaced = Some(Replaced { mono_ns, row: self.cursor.row, head: self.head });
+        self.cursor = Cursor::default();
+        self.waiting.iter_mut().for_each(|waiting| waiting.row = 0);
+        (self.taken, self.head, self.low) = (0, 0, 0);
+        (self.asked, self.synced) = (None, false);
+        self.recent.clear();
+    }
+
+    fn stop(&mut self, reason: String) -> OtherJournal {
+        self.other.insert(OtherJournal { reason }).clone()
+    }
+
     fn compare(&mut self, page: &EventPage) -> Result<(), OtherJournal> {
+        // The answer to a question may overtake a word said before it; a journal that ends too early again
+        // and again lost rows, or is that of a twin.
+        let ends_early = page.head < self.taken && page.head > 0;
+        self.low = if ends_early { self.low + 2 } else { self.low.saturating_sub(1) };
         let reason = match self.cursor.epoch {
             Some(epoch) if epoch != page.epoch => {
                 format!("found journal {}, expected {epoch}", page.epoch)
             }
             // An empty one is a new one: its rows will have ids above all that were before.
-            _ if page.head < page.after && page.head > 0 => {
-                format!("it ends at row {}, but rows up to {} came before", page.head, page.after)
+            _ if (page.head < page.after || self.low > LOW_MAX) && page.head > 0 => {
+                let before = page.after.max(self.taken);
+                format!("it ends at row {}, but rows up to {before} came before", page.head)
             }
             _ => return Ok(()),
         };
-        Err(self.other.insert(OtherJournal { reason }).clone())
+        Err(self.stop(reason))
     }
 
     /// The own journal has everything of `origin` up to `sequence`.
@@ -177,6 +255,7 @@ impl Follower {
                 self.cursor.row = waiting.row;
             }
         }
+        self.holds &= !self.waiting.is_empty();
     }
 
     /// The row after which the log is to be asked for, if it is time; counts as asked.
@@ -189,7 +268,7 @@ impl Follower {
     }
 
     fn question_due_ns(&self) -> Option<u64> {
-        if self.other.is_some() || self.waiting.len() > WINDOW / 2 {
+        if self.other.is_some() || self.holds || self.waiting.len() > WINDOW / 2 {
             return None;
         }
         let wants = !self.synced || self.head > self.taken;
@@ -238,6 +317,12 @@ impl Follower {
     #[must_use]
     pub fn repeated(&self) -> u64 {
         self.repeated
+    }
+
+    /// The host began a new journal, if it did while this follows it.
+    #[must_use]
+    pub fn replaced(&self) -> Option<Replaced> {
+        self.replaced
     }
 
     /// Why nothing is taken any more, if so.

@@ -104,14 +104,66 @@ fn what_is_not_acknowledged_is_handed_on_again_and_no_more_than_a_window_waits()
 #[test]
 fn another_journal_stops_the_desk_until_a_person_has_decided() {
     let mut desk = follower(4);
-    let other = EventPage { epoch: EPOCH + 1, ..page(4, 5..=5, 5) };
+    let other = EventPage { epoch: EPOCH - 1, ..page(4, 5..=5, 5) };
     let told = desk.page(other, 0).unwrap_err();
-    assert_eq!(told.reason, "found journal 78, expected 77");
+    assert_eq!(told.reason, "found journal 76, expected 77");
     assert!(desk.page(page(4, 5..=5, 5), 1).is_err(), "it stays stopped");
     assert_eq!((desk.question(u64::MAX), desk.cursor().row), (None, 4));
     let mut desk = follower(4);
     let told = desk.page(page(4, NONE, 2), 0).unwrap_err();
     assert_eq!(told.reason, "it ends at row 2, but rows up to 4 came before");
+}
+
+#[test]
+fn a_younger_journal_is_followed_from_its_first_row_behind_what_waits() {
+    let (begin, _) = protocol::event::numbering(1_795_000_000_000_000_000);
+    let mut desk = follower(0);
+    desk.question(0);
+    desk.page(page(0, 1..=6, 7), 1).unwrap();
+    desk.acknowledged("hall", 4);
+    // The host was restored up to its row 5, and numbers anew since.
+    let younger = |after: u64, rows: &[(u64, u64)], head| {
+        let row =
+            |&(journal_id, n): &(u64, u64)| EventRow { journal_id, change: change("hall", n) };
+        EventPage {
+            epoch: EPOCH + 9,
+            rows: rows.iter().map(row).collect(),
+            ..page(after, NONE, head)
+        }
+    };
+    assert_eq!(desk.page(younger(7, &[(8, begin + 1)], 8), 2), Ok(Vec::new()), "a word of it");
+    assert_eq!(desk.replaced(), Some(Replaced { mono_ns: 2, row: 4, head: 7 }));
+    assert_eq!(desk.question(3), Some(0));
+    let all = [(1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (8, begin + 1)];
+    let handed = desk.page(younger(0, &all, 8), 4).unwrap();
+    assert_eq!(sequences(&handed), [1, 2, 3, 4, 5], "the new numbers wait for the old ones");
+    assert_eq!(desk.question(5), None, "and nobody asks meanwhile");
+    assert_eq!(sequences(&desk.resend(4 + RESEND_NS)), [5, 6, 1, 2, 3, 4, 5]);
+    desk.acknowledged("hall", 6);
+    assert_eq!(desk.question(6 + RESEND_NS), Some(5));
+    let handed = desk.page(younger(5, &[(8, begin + 1)], 8), 7 + RESEND_NS).unwrap();
+    assert_eq!(sequences(&handed), [begin + 1]);
+    desk.acknowledged("hall", begin + 1);
+    let cursor = Cursor { epoch: Some(EPOCH + 9), row: 8 };
+    assert_eq!((desk.cursor(), desk.behind(), desk.other()), (cursor, 0, None));
+}
+
+#[test]
+fn a_twin_is_known_by_what_it_says() {
+    let mut desk = follower(4);
+    desk.page(page(4, 5..=6, 6), 0).unwrap();
+    assert!(desk.page(page(4, 5..=6, 6), 1).is_ok(), "the same again");
+    let mut twin = page(5, 6..=6, 6);
+    twin.rows[0].change.stamp_ns += 1;
+    assert_eq!(desk.page(twin, 2).unwrap_err().reason, "row 6 is another one than before");
+    // A twin that is behind, and the one that is followed, by turns.
+    let mut desk = follower(4);
+    let mut words = 0;
+    while desk.page(page(4, NONE, 4), words).is_ok() && desk.page(page(3, NONE, 3), words).is_ok() {
+        words += 1;
+    }
+    assert_eq!(words, 11, "seconds");
+    assert!(desk.other().unwrap().reason.starts_with("it ends at row 3"));
 }
 
 #[test]

@@ -14,7 +14,7 @@ pub use damage::Damage;
 pub use error::JournalError;
 pub use query::{Entry, Filter, LIST_LIMIT_MAX, kind_name, state_name};
 
-use protocol::event::EventChange;
+use protocol::event::{EventChange, NUMBERING_MASK, begins_numbering};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Transaction, params};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -404,8 +404,20 @@ fn advance(transaction: &Transaction<'_>, origin: &str, floor: i64) -> rusqlite:
     let mut contiguous = before.unwrap_or(0).max(floor);
     let mut next = transaction
         .prepare_cached("SELECT 1 FROM event_change WHERE origin = ?1 AND sequence = ?2")?;
-    while contiguous < i64::MAX && next.exists(params![origin, contiguous + 1])? {
-        contiguous += 1;
+    let mut anew = transaction.prepare_cached(
+        "SELECT min(sequence) FROM event_change WHERE origin = ?1 AND sequence > ?2 AND sequence & ?3 = 1",
+    )?;
+    loop {
+        while contiguous < i64::MAX && next.exists(params![origin, contiguous + 1])? {
+            contiguous += 1;
+        }
+        // Its origin forgot its numbers there: before it nothing is missing.
+        let found: Option<i64> =
+            anew.query_row(params![origin, contiguous, integer(NUMBERING_MASK)], |row| row.get(0))?;
+        let Some(begin) = found.filter(|begin| begins_numbering(begin.unsigned_abs())) else {
+            break;
+        };
+        contiguous = begin;
     }
     if before != Some(contiguous) {
         transaction

@@ -255,3 +255,16 @@ fn names_in_columns_are_the_names_in_json() {
         assert_eq!(serde_json::to_value(state).unwrap(), state_name(state));
     }
 }
+
+#[test]
+fn contiguous_goes_on_where_an_origin_forgot_its_numbers() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut journal = open(&directory);
+    let (begin, _) = protocol::event::numbering(NOW_NS);
+    let rows = [change("foyer", 1), change("foyer", begin + 2), change("yard", begin + 1)];
+    journal.append(&rows, NOW_NS).unwrap();
+    let contiguous = |journal: &Journal, origin| journal.highest_contiguous(origin).unwrap();
+    assert_eq!((contiguous(&journal, "foyer"), contiguous(&journal, "yard")), (1, begin + 1));
+    journal.append(&[change("foyer", begin + 1)], NOW_NS).unwrap();
+    assert_eq!(contiguous(&journal, "foyer"), begin + 2);
+}

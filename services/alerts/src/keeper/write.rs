@@ -1,9 +1,11 @@
 //! The part of the keeper that writes, and what it does when that fails.
 
-use super::{Keeper, Now, Own, Pending, Report, Trouble};
+use super::{Keeper, Now, ORIGIN, Own, Pending, Report, Trouble};
 use crate::intake::GivenUp;
 use crate::journal::{Damage, Journal, JournalError};
-use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
+use protocol::event::{
+    EventAcknowledgement, EventChange, EventKind, EventState, begins_numbering, numbering,
+};
 use protocol::health::Fault;
 use protocol::time::SECOND_NS;
 use std::collections::BTreeSet;
@@ -20,19 +22,23 @@ impl Keeper {
         report: &mut Report,
     ) -> Result<(), JournalError> {
         let (journal, damage) = Journal::open(&self.path, now.unix_ns)?;
-        self.adopt(journal)?;
+        self.adopt(journal, now.unix_ns)?;
         if let Some(damage) = damage {
             self.say_damage(&damage, now, report);
         }
         Ok(())
     }
 
-    fn adopt(&mut self, journal: Journal) -> Result<(), JournalError> {
+    fn adopt(&mut self, journal: Journal, unix_ns: u64) -> Result<(), JournalError> {
         self.head_at_open = journal.head()?;
         for (origin, through) in journal.origins()? {
             self.intake.know(&origin, through);
         }
         self.own_last = self.own_last.max(journal.highest_contiguous(&self.origin)?);
+        if self.own_last == 0 && self.origin != ORIGIN {
+            // Desks on other hosts may have what a journal told that is lost.
+            (self.own_last, _) = numbering(unix_ns);
+        }
         self.journal = Some(journal);
         Ok(())
     }
@@ -41,7 +47,8 @@ impl Keeper {
     /// first change is taken as the next one.
     pub(super) fn meet(&mut self, change: &EventChange, now: Now, report: &mut Report) {
         let is_known = self.intake.next_of(&change.origin).is_some();
-        if is_known || change.sequence == 1 || !(self.adopts || self.journal.is_none()) {
+        let is_first = change.sequence == 1 || begins_numbering(change.sequence);
+        if is_known || is_first || !(self.adopts || self.journal.is_none()) {
             return;
         }
         let before = change.sequence - 1;
@@ -246,7 +253,7 @@ impl Keeper {
                 journal.give_up(origin, 1, through, now.unix_ns)?;
             }
         }
-        self.adopt(journal)?;
+        self.adopt(journal, now.unix_ns)?;
         self.say_damage(&damage, now, report);
         Ok(())
     }

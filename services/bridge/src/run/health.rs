@@ -1,6 +1,7 @@
 //! What the bridge says of itself, and of the other hosts: `tog status` shows it.
 
 use super::Bridge;
+use crate::follower::Replaced;
 use crate::guard;
 use crate::remote::RemoteHost;
 use process::{Worker, monotonic_ns, wall_ns};
@@ -8,6 +9,8 @@ use protocol::time::SECOND_NS;
 
 /// The fault is over when nothing came under a wrong key for so long.
 const MISROUTED_QUIET_NS: u64 = 60 * SECOND_NS;
+/// For so long a desk says that another host began a new journal.
+const REPLACED_TOLD_NS: u64 = 3600 * SECOND_NS;
 /// Questions and pages are put off now and then while a desk catches up; so many a second are a flood.
 const FLOOD_A_SECOND: u64 = 100;
 
@@ -163,10 +166,26 @@ impl Bridge {
         for followed in &self.followed {
             let id = &self.hosts[followed.host].id;
             health.gauge(&format!("events_behind {id}"), followed.follower.behind() as f64);
+            let lately =
+                |replaced: &Replaced| now_ns.saturating_sub(replaced.mono_ns) < REPLACED_TOLD_NS;
+            let replaced = followed.follower.replaced().filter(lately);
+            let replaced = replaced.map(|Replaced { row, head, .. }| {
+                let lost = match head.saturating_sub(row) {
+                    0 => "all that was heard of the old one is here".to_owned(),
+                    lost => format!("up to {lost} rows of the old one are not here"),
+                };
+                format!(
+                    "host {id} began a new journal: its state was lost, or restored. It is followed \
+                     from its first row on; {lost}. Nothing is to be done; this is said for an hour"
+                )
+            });
+            health.set_fault(&format!("journal_replaced {id}"), replaced);
             let other = followed.follower.other().map(|other| {
                 format!(
-                    "another journal answers for host {id}: {}. Its events are not taken, until you \
-                     put the old state directory of {id} back, or remove {} and restart this bridge",
+                    "another journal answers for host {id}: {}. Do two machines run as {id}, or with a \
+                     copy of its state? Stop the wrong one. If {id} was restored: on it, stop, remove \
+                     bridge/epoch.json and *.outbox of its state, start. Its events are not taken \
+                     until then; then remove {} and restart this host",
                     other.reason,
                     self.shelf.path(id).display()
                 )
