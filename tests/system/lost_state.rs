@@ -1,10 +1,10 @@
-//! A host whose state is lost, or restored from a backup: what it tells from then on reaches the desk, and
-//! nothing that the desk has is there twice.
+//! A host that is lost, and one whose state is lost or restored from a backup: the desk is told, what the
+//! host tells from then on reaches it, and nothing that it has is there twice.
 
 use super::bridge::{journal_of, of, start, two_hosts};
 use super::feed::{Desk, assert_whole};
 use harness::{Site, WATCHDOG, find};
-use protocol::event::EventChange;
+use protocol::event::{EventChange, EventKind, EventState};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -82,6 +82,48 @@ fn what_a_host_without_its_state_tells_reaches_the_desk_once() {
     let rows = happens(&told, &mut edge, &desk, &rows, known);
     assert_whole(&(1..).zip(rows).collect::<Vec<_>>());
     println!("{}", wait_until_it_is_told(&mut desk));
+    desk.stop();
+    edge.stop();
+}
+
+#[test]
+fn a_lost_host_is_an_event_at_the_desk_and_another_site_file_is_told() {
+    let toml = two_hosts();
+    let (mut edge, mut desk) = (start(&toml, "edge", &[]), start(&toml, "desk", &[]));
+    let told = Desk::open(&mut desk);
+    edge.wait_until_frames_flow(5);
+    edge.stop();
+    let lost =
+        told.wait_for(0, "the lost host", |told| told.change.text.starts_with("host edge: "));
+    let change = &lost.change;
+    assert_eq!((change.kind, change.state), (EventKind::CoverageLost, EventState::Raised));
+    let words = "By the site file: area hall is watched by nobody meanwhile; areas elsewhere lack its \
+                 lasers north";
+    assert!(change.text.contains(words), "{}", change.text);
+    // The desk forgets neither that it told it, nor to tell the end.
+    let killed = desk.kill("alerts", rustix::process::Signal::KILL);
+    desk.wait_until("the journal again", |report| {
+        let alerts = find(report, "alerts");
+        let is_new = alerts.pid.is_some_and(|pid| pid != killed);
+        (is_new && alerts.counters.contains_key("changes_in")).then_some(())
+    });
+    let file = edge.file();
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, text.replace("x_m = 4.6", "x_m = 4.7")).unwrap();
+    edge.start_again();
+    let again = Desk::open_while_degraded(&desk);
+    let over = |told: &super::feed::Told| {
+        told.change.id == lost.change.id && told.change.state == EventState::Cleared
+    };
+    again.wait_for(0, "the host again", over);
+    for (site, other) in [(&mut edge, "desk"), (&mut desk, "edge")] {
+        let code = format!("site_differs {other}");
+        let text = site.wait_until(&code, |report| {
+            let mut faults = find(report, "bridge").faults.iter();
+            faults.find(|fault| fault.code == code).map(|fault| fault.text.clone())
+        });
+        assert!(text.contains("another site file"), "{text}");
+    }
     desk.stop();
     edge.stop();
 }

@@ -24,6 +24,7 @@
 //! | what does the service do, in which order | [`run()`] |
 //! | what is accepted, and in which order | [`intake`] |
 //! | what if the disk is full | [`keeper`] |
+//! | when is a lost host an event | [`absence`], pure |
 //! | how is a change appended, acknowledged, given up | [`journal`] |
 //! | what is in a row, how do layouts change | `journal/schema.rs` |
 //! | how are rows found | `journal/query.rs` |
@@ -43,6 +44,7 @@
 //! `acknowledged` by an operator, and retention: a row takes 0.7 kB, a hundred events a day are
 //! 100 MB in four years, and nothing is ever deleted.
 
+pub mod absence;
 pub mod feed;
 pub mod intake;
 pub mod journal;

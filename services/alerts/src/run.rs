@@ -1,15 +1,16 @@
 //! The service `tog alerts`: takes changes from the shared memory, hands them to the keeper, and
 //! tells whoever listens. Its loop is the whole of what it does.
 
+use crate::absence::{self, Absences, Tiding};
 use crate::feed::FeedSocket;
 use crate::journal::{JOURNAL_FILE, JournalError};
 use crate::keeper::{Keeper, Now, Report};
 use crate::words;
 use jiff::tz::TimeZone;
-use process::{Failure, Latencies, Publisher, Subscriber, Worker, monotonic_ns, wall_ns};
+use process::{Failure, Latencies, Publisher, Role, Subscriber, Worker, monotonic_ns, wall_ns};
 use protocol::codec;
 use protocol::event::{EventAcknowledgement, EventChange, EventHeader, journal_origin};
-use protocol::health::ServiceState;
+use protocol::health::{Health, ServiceState};
 use protocol::time::MILLISECOND_NS;
 use protocol::topic;
 use protocol::wire::BytesHeader;
@@ -37,9 +38,11 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     let (keeper, report) = Keeper::open_as(&origin, &path, now()).map_err(config)?;
     let mut service = Service {
         zone,
-        keeper,
         feed: FeedSocket::bind(&worker.instance.run_dir, &worker.events).map_err(failed)?,
         changes: worker.bus.subscriber(&topic::event())?,
+        health: is_desk(worker).then(|| worker.bus.subscriber(&topic::health())).transpose()?,
+        absences: Absences::new(keeper.missed_hosts()),
+        keeper,
         latencies: Latencies::default(),
         acknowledgements: worker.bus.publisher(&topic::event_acknowledgement(), 0)?,
         garbage: 0,
@@ -52,6 +55,7 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
     worker.health.set_state(ServiceState::Running);
     loop {
         while service.take_batch(worker)? {}
+        service.look_for_hosts(worker)?;
         service.serve(worker);
         let deadlines = [service.keeper.deadline_ns(), service.feed.deadline_ns()];
         if worker.wait(deadlines.into_iter().flatten().min())?.stop {
@@ -68,6 +72,9 @@ struct Service {
     keeper: Keeper,
     feed: FeedSocket,
     changes: Subscriber<EventHeader, u8>,
+    /// At a desk of a site of several hosts.
+    health: Option<Subscriber<BytesHeader, u8>>,
+    absences: Absences,
     latencies: Latencies,
     acknowledgements: Publisher<BytesHeader, u8>,
     garbage: u64,
@@ -113,6 +120,28 @@ impl Service {
             }
         }
         Ok(taken > 0)
+    }
+
+    /// Hosts that are missed are events, at a desk: nobody is there who could tell them.
+    fn look_for_hosts(&mut self, worker: &mut Worker) -> Result<(), Failure> {
+        let Some(health) = &mut self.health else { return Ok(()) };
+        let mut tidings = Vec::new();
+        while let Some(sample) = health.receive()? {
+            let Ok(health) = codec::decode::<Health>(sample.payload()) else { continue };
+            if health.service == Role::Bridge.service() {
+                tidings.extend(self.absences.observe(&health, monotonic_ns()));
+            }
+        }
+        for Tiding { host, missed } in tidings {
+            let missed = missed.map(|text| {
+                let consequences = absence::consequences(&worker.site, &host);
+                let separator = if consequences.is_empty() { "" } else { ". By the site file: " };
+                format!("{text}{separator}{consequences}")
+            });
+            let report = self.keeper.absence(&host, missed, now());
+            self.handle(report, worker);
+        }
+        Ok(())
     }
 
     /// Deadlines, the sockets, and how we are.
@@ -221,6 +250,12 @@ impl Service {
         health.gauge("backlog_changes", self.keeper.backlog_len() as f64);
         health.gauge("feed_clients", self.feed.feed().len() as f64);
     }
+}
+
+/// True where people look at the alerts of several hosts.
+fn is_desk(worker: &Worker) -> bool {
+    let me = worker.instance.host.as_deref().and_then(|id| worker.site.host(id));
+    worker.site.has_bridges() && me.is_some_and(|host| host.desk)
 }
 
 fn now() -> Now {

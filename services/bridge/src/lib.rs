@@ -40,10 +40,12 @@
 //! | when has a desk everything | [`follower`], pure |
 //! | how is the own journal told | `teller`, `feed_line` |
 //! | what is known of the other hosts | [`remote`], pure |
+//! | do they have the same site file | [`agreement`], pure |
 //! | how far are their clocks from ours | [`clock_difference`], pure |
 //! | where does a desk go on after a restart | `cursor` |
 
 pub mod access;
+pub mod agreement;
 pub mod clock_difference;
 mod cursor;
 mod feed_line;

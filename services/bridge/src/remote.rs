@@ -2,6 +2,7 @@
 //!
 //! Pure: the time is an argument (CLOCK_MONOTONIC, nanoseconds).
 
+use crate::agreement::GAUGE;
 use crate::clock_difference::ClockDifference;
 use protocol::health::{Health, ServiceState};
 use protocol::time::SECOND_NS;
@@ -74,6 +75,20 @@ impl RemoteHost {
     /// An area does not run there: what its services said last is of no interest any more.
     pub fn left(&mut self, area: &str) {
         self.services.retain(|name, _| area_of(name) != Some(area));
+    }
+
+    /// Why its site file is another one than ours, of this fingerprint, if it is.
+    #[must_use]
+    pub fn differs(&self, fingerprint: u32) -> Option<String> {
+        let bridge = &self.services.get("bridge")?.health;
+        let theirs = *bridge.gauges.get(GAUGE)?;
+        (theirs != f64::from(fingerprint)).then(|| {
+            format!(
+                "host {0} runs with another site file: hosts, areas, or lasers are not the same there. \
+                 Copy the right one to all hosts, and restart those that began with another one",
+                self.id
+            )
+        })
     }
 
     /// Messages of health that were refused.

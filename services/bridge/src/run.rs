@@ -11,6 +11,7 @@ use areas::Areas;
 use maps::Maps;
 use scans::Arrivals;
 
+use crate::agreement::fingerprint;
 use crate::cursor::{Kept, Shelf};
 use crate::follower::{Follower, Origins};
 use crate::guard::Alarm;
@@ -121,6 +122,8 @@ struct Bridge {
     maps: Maps,
     counters: Counters,
     strange: [health::Strange; 2],
+    /// Of the site file here.
+    fingerprint: u32,
 }
 
 impl Bridge {
@@ -173,6 +176,7 @@ impl Bridge {
             remote: site.hosts.iter().map(|host| remote(&site, host, &me, now_ns)).collect(),
             areas_of: site.hosts.iter().map(|host| areas_of(&site, host)).collect(),
             looked_ns: 0,
+            fingerprint: fingerprint(&site),
             hosts: site.hosts,
             me,
             inbox,

@@ -5,21 +5,25 @@
 //! disk is tried again at a deadline that doubles from 1 s to 30 s. A journal that shows damage is
 //! set aside and a new one begun, while running as at the start.
 //!
-//! The keeper raises events of its own, under the origin [`ORIGIN`] unless told otherwise: a storage fault, and its end.
+//! The keeper raises events of its own, under the origin [`ORIGIN`] unless told otherwise: a storage fault, a
+//! host that is missed, and their ends.
 //! Reads no clock: [`Now`] is an argument. It does not log: [`Report`] says what is to be said.
 
 mod write;
 
 use crate::intake::{Intake, Offered};
 use crate::journal::{Entry, Journal, JournalError};
-use protocol::event::{EventAcknowledgement, EventChange, EventState};
+use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::Fault;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 
 /// Origin of the events of this service on the only host of a site: see
 /// [`protocol::event::journal_origin`]. No area has a dot in its id.
 pub const ORIGIN: &str = "host.alerts";
+/// Before the id of the host that an event of this service is about: after a restart it is known again by
+/// this.
+const HOST_WORD: &str = "host ";
 /// Most changes in memory while the disk cannot be written: at 1 to 4 kB each 4 to 16 MB, and days
 /// of events. What finds no room is refused, and its origin keeps it.
 pub const BACKLOG_MAX: usize = 4096;
@@ -101,6 +105,9 @@ struct Trouble {
 /// An event of this service that has no sequence number yet.
 #[derive(Debug)]
 struct Own {
+    /// Which happening: its changes have one id.
+    subject: String,
+    kind: EventKind,
     state: EventState,
     stamp_ns: u64,
     text: String,
@@ -126,7 +133,8 @@ pub struct Keeper {
     /// Waits for the end of the input, or for a journal.
     own: VecDeque<Own>,
     own_last: u64,
-    own_event: String,
+    /// The ids of those events of this service that are not over, by their subject.
+    own_events: BTreeMap<String, String>,
     trouble: Option<Trouble>,
     reused: Option<Fault>,
     counters: Counters,
@@ -158,7 +166,7 @@ impl Keeper {
             gaps: Vec::new(),
             own: VecDeque::new(),
             own_last: 0,
-            own_event: String::new(),
+            own_events: BTreeMap::new(),
             trouble: None,
             reused: None,
             counters: Counters::default(),
@@ -315,6 +323,28 @@ impl Keeper {
     /// Changes that are told but not on disk, with a number greater than `number`.
     pub fn pending_after(&self, number: u64) -> impl Iterator<Item = &Pending> {
         self.backlog.iter().skip_while(move |pending| pending.number <= number)
+    }
+
+    /// A host is missed, and why; or (none) it is heard of again.
+    pub fn absence(&mut self, host: &str, missed: Option<String>, now: Now) -> Report {
+        let mut report = Report::default();
+        let state = if missed.is_some() { EventState::Raised } else { EventState::Cleared };
+        let text = missed.unwrap_or_else(|| "it is heard of again".to_owned());
+        self.own.push_back(Own {
+            subject: host.to_owned(),
+            kind: EventKind::CoverageLost,
+            state,
+            stamp_ns: now.unix_ns,
+            text: format!("{HOST_WORD}{host}: {text}"),
+        });
+        self.settle(now, &mut report);
+        report
+    }
+
+    /// The hosts that are missed, as far as was told.
+    #[must_use]
+    pub fn missed_hosts(&self) -> BTreeSet<String> {
+        self.own_events.keys().filter(|subject| !subject.is_empty()).cloned().collect()
     }
 
     /// The feed met damage while it read: sets the journal aside and begins a new one.

@@ -277,3 +277,28 @@ fn a_burst_is_journaled_in_order_whatever_is_in_it() {
     assert_eq!(keeper.counters().changes_duplicate, 2);
     assert_eq!(acknowledged(&report).last(), Some(&("foyer", 5)));
 }
+
+#[test]
+fn a_host_that_is_missed_is_an_event_that_survives_a_restart() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(JOURNAL_FILE);
+    let origin = "host.desk.alerts";
+    let open = |mono_s| Keeper::open_as(origin, &path, now(mono_s)).unwrap().0;
+    let mut keeper = open(0);
+    let report = keeper.absence("edge", Some("nothing is heard".to_owned()), now(1));
+    let (raised, journaled) = &report.told[0];
+    assert!(*journaled && protocol::event::begins_numbering(raised.sequence));
+    assert_eq!(
+        (raised.kind, raised.text.as_str()),
+        (EventKind::CoverageLost, "host edge: nothing is heard")
+    );
+    keeper.absence("yard", Some("nothing is heard".to_owned()), now(1));
+    drop(keeper);
+    let mut keeper = open(2);
+    assert_eq!(keeper.missed_hosts(), ["edge", "yard"].map(str::to_owned).into());
+    let report = keeper.absence("edge", None, now(3));
+    let cleared = &report.told[0].0;
+    assert_eq!((&cleared.id, cleared.state), (&raised.id, EventState::Cleared));
+    assert_eq!(cleared.sequence, raised.sequence + 2);
+    assert_eq!(open(4).missed_hosts(), ["yard".to_owned()].into());
+}

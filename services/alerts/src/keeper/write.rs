@@ -1,8 +1,8 @@
 //! The part of the keeper that writes, and what it does when that fails.
 
-use super::{Keeper, Now, ORIGIN, Own, Pending, Report, Trouble};
+use super::{HOST_WORD, Keeper, Now, ORIGIN, Own, Pending, Report, Trouble};
 use crate::intake::GivenUp;
-use crate::journal::{Damage, Journal, JournalError};
+use crate::journal::{Damage, Filter, Journal, JournalError, LIST_LIMIT_MAX};
 use protocol::event::{
     EventAcknowledgement, EventChange, EventKind, EventState, begins_numbering, numbering,
 };
@@ -14,6 +14,12 @@ use std::collections::BTreeSet;
 const FLUSH_ROWS: usize = 256;
 const RETRY_FIRST_NS: u64 = SECOND_NS;
 const RETRY_LONGEST_NS: u64 = 30 * SECOND_NS;
+
+impl Own {
+    fn storage(state: EventState, stamp_ns: u64, text: String) -> Self {
+        Self { subject: String::new(), kind: EventKind::StorageFault, state, stamp_ns, text }
+    }
+}
 
 impl Keeper {
     pub(super) fn open_journal(
@@ -38,6 +44,14 @@ impl Keeper {
         if self.own_last == 0 && self.origin != ORIGIN {
             // Desks on other hosts may have what a journal told that is lost.
             (self.own_last, _) = numbering(unix_ns);
+        }
+        let open_only = Filter { open_only: true, limit: LIST_LIMIT_MAX, ..Filter::default() };
+        let missed = Filter { kind: Some(EventKind::CoverageLost), ..open_only };
+        for change in journal.list(&missed)?.iter().filter_map(|row| row.change().ok()) {
+            let of_host = change.text.strip_prefix(HOST_WORD).and_then(|text| text.split_once(':'));
+            if let Some((host, _)) = of_host.filter(|_| change.origin == self.origin) {
+                self.own_events.insert(host.to_owned(), change.id.clone());
+            }
         }
         self.journal = Some(journal);
         Ok(())
@@ -162,7 +176,8 @@ impl Keeper {
         report.warnings.push(format!(
             "the journal is written again; {kept} changes that were kept in memory are on disk"
         ));
-        let mut tell = |state, stamp_ns, text| self.own.push_back(Own { state, stamp_ns, text });
+        let mut tell =
+            |state, stamp_ns, text| self.own.push_back(Own::storage(state, stamp_ns, text));
         if !trouble.is_raised {
             tell(EventState::Raised, trouble.fault.since_ns, trouble.fault.text);
         }
@@ -227,9 +242,9 @@ impl Keeper {
         );
         report.warnings.push(text.clone());
         let stamp_ns = now.unix_ns;
-        self.own.push_back(Own { state: EventState::Raised, stamp_ns, text });
+        self.own.push_back(Own::storage(EventState::Raised, stamp_ns, text));
         let text = "the journal of events is in its place again".to_owned();
-        self.own.push_back(Own { state: EventState::Cleared, stamp_ns, text });
+        self.own.push_back(Own::storage(EventState::Cleared, stamp_ns, text));
         Ok(())
     }
 
@@ -268,9 +283,9 @@ impl Keeper {
         );
         report.warnings.push(text.clone());
         let stamp_ns = now.unix_ns;
-        self.own.push_back(Own { state: EventState::Raised, stamp_ns, text });
+        self.own.push_back(Own::storage(EventState::Raised, stamp_ns, text));
         let text = "the new journal of events is written".to_owned();
-        self.own.push_back(Own { state: EventState::Cleared, stamp_ns, text });
+        self.own.push_back(Own::storage(EventState::Cleared, stamp_ns, text));
     }
 
     /// The disk did not take a write, or did not give a row.
@@ -288,7 +303,7 @@ impl Keeper {
         let is_raised = self.journal.is_some();
         if is_raised {
             let (state, stamp_ns) = (EventState::Raised, now.unix_ns);
-            self.own.push_back(Own { state, stamp_ns, text: text.clone() });
+            self.own.push_back(Own::storage(state, stamp_ns, text.clone()));
         }
         self.trouble = Some(Trouble {
             fault: Fault { code: "journal_unwritable".to_owned(), text, since_ns: now.unix_ns },
@@ -304,14 +319,19 @@ impl Keeper {
         while self.journal.is_some() {
             let Some(own) = self.own.pop_front() else { return };
             self.own_last += 1;
-            if own.state == EventState::Raised {
-                self.own_event = format!("{}-{}", self.origin, self.own_last);
+            let id = match own.state {
+                EventState::Cleared => self.own_events.remove(&own.subject),
+                _ => None,
+            };
+            let id = id.unwrap_or_else(|| format!("{}-{}", self.origin, self.own_last));
+            if own.state != EventState::Cleared {
+                self.own_events.insert(own.subject, id.clone());
             }
             let change = EventChange {
                 origin: self.origin.clone(),
                 sequence: self.own_last,
-                id: self.own_event.clone(),
-                kind: EventKind::StorageFault,
+                id,
+                kind: own.kind,
                 state: own.state,
                 stamp_ns: own.stamp_ns,
                 first_evidence_ns: own.stamp_ns,

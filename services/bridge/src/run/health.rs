@@ -1,6 +1,7 @@
 //! What the bridge says of itself, and of the other hosts: `tog status` shows it.
 
 use super::Bridge;
+use crate::agreement::GAUGE;
 use crate::follower::Replaced;
 use crate::guard;
 use crate::remote::RemoteHost;
@@ -140,6 +141,7 @@ impl Bridge {
 
     fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {
         let health = &mut worker.health;
+        health.gauge(GAUGE, f64::from(self.fingerprint));
         for (host, remote) in self.hosts.iter().zip(&mut self.remote) {
             let Some(remote) = remote else { continue };
             let id = &host.id;
@@ -148,6 +150,8 @@ impl Bridge {
             let unwell = remote.unwell(now_ns).filter(|_| self.me.desk && lost.is_none());
             health.set_fault(&format!("host_lost {id}"), lost);
             health.set_fault(&format!("host_unwell {id}"), unwell);
+            let differs = remote.differs(self.fingerprint);
+            health.set_fault(&format!("site_differs {id}"), differs);
             health.set_fault(&format!("clock_differs {id}"), remote.clock.fault(id));
             if let Some(ahead_ns) = remote.clock.ahead_ns() {
                 health.gauge(&format!("clock_ahead_s {id}"), ahead_ns as f64 / 1e9);
