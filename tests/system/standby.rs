@@ -5,6 +5,7 @@ use super::bridge::{hosts, journal_of, of};
 use super::disk::Disk;
 use super::feed::Desk;
 use harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
+use protocol::event::EventState;
 use rustix::process::Signal;
 use std::time::{Duration, Instant};
 use supervisor::StatusReport;
@@ -135,11 +136,18 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
         (kept("main") || kept("spare")).then_some(())
     });
 
-    // A host that stops in good order.
+    // A host that stops in good order: what is open there, nobody would see end.
+    let raised = told.hold_laser_until_told(&mut edge, told.count());
     let begin = Instant::now();
     other.stop();
     wait_until_it_runs(owner);
     println!("handed over after {} ms", begin.elapsed().as_millis());
+    let withdrawn = told.wait_for(0, "the end of what was open", |told| {
+        told.change.id == raised.change.id && told.change.state == EventState::Cleared
+    });
+    let text = &withdrawn.change.text;
+    assert!(text.starts_with("This host stops to watch area hall; host "), "{text}");
+    edge.kill("laser south", Signal::CONT);
 
     // The desk knows all that was told, whoever told it, once and in order.
     let runs = [(&main, "main", "hall"), (&spare, "spare", "hall@spare")];

@@ -224,6 +224,19 @@ impl Outbox {
         self.open.values().cloned().collect()
     }
 
+    /// The end of every open event: nobody here will see it end. Not yet appended.
+    #[must_use]
+    pub fn withdrawals(&self, stamp_ns: u64, text: &str) -> Vec<EventChange> {
+        let end = |(n, open): (usize, &EventChange)| EventChange {
+            sequence: self.last_sequence + 1 + n as u64,
+            state: EventState::Cleared,
+            stamp_ns: stamp_ns.max(open.stamp_ns),
+            text: text.to_owned(),
+            ..open.clone()
+        };
+        self.open.values().enumerate().map(end).collect()
+    }
+
     /// The highest sequence that was ever given.
     #[must_use]
     pub fn last_sequence(&self) -> u64 {
@@ -376,6 +389,20 @@ mod tests {
         let mut later = Outbox::new("hall");
         later.begin_if_new(unix_ns + 1_000_000_000);
         assert!(later.last_sequence() > sequence + 1_000_000 && later.last_number() > number);
+    }
+
+    #[test]
+    fn open_events_are_withdrawn_each_once() {
+        let (mut outbox, mut file, _) = story();
+        let ends = outbox.withdrawals(9_000, "watched elsewhere");
+        let words: Vec<_> = ends
+            .iter()
+            .map(|end| (end.id.as_str(), end.sequence, end.state, end.stamp_ns))
+            .collect();
+        assert_eq!(words, [("hall-1", 5, EventState::Cleared, 9_000)], "event 2 was over");
+        ends.iter().for_each(|end| file.extend(outbox.append(end).unwrap()));
+        assert!(outbox.withdrawals(9_001, "again").is_empty());
+        assert_eq!(Outbox::load("hall", &file).outbox, outbox);
     }
 
     #[test]

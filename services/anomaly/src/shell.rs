@@ -41,6 +41,7 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         let wake = worker.wait(Some(deadline))?;
         service.on_time(worker);
         if wake.stop {
+            service.withdraw(worker);
             service.save(worker);
             return Ok(());
         }
@@ -271,6 +272,22 @@ impl Service {
             self.watch.feed_silent(stamp_ns, silence_ns as f64 * 1e-9, &mut self.changes);
             self.publish(worker, 0);
         }
+    }
+
+    /// An area that another host may run goes on there, and what lasts is told from there: here nobody
+    /// would see the end of what is open.
+    fn withdraw(&mut self, worker: &mut Worker) {
+        let Some(standby) = &self.area.standby else { return };
+        let me = worker.instance.host.as_deref();
+        let other = if me == Some(standby.as_str()) { &self.area.host } else { &self.area.standby };
+        let text = format!(
+            "This host stops to watch area {}; host {} tells what goes on there, if it runs.",
+            self.area.id,
+            other.as_deref().unwrap_or_default()
+        );
+        let stamp_ns = worker.instance.clock.now_ns().unwrap_or(self.watch.stamp_ns());
+        self.changes.extend(self.outbox.outbox().withdrawals(stamp_ns, &text));
+        self.publish(worker, 0);
     }
 
     fn save(&mut self, worker: &mut Worker) {

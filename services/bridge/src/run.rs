@@ -57,11 +57,15 @@ pub fn run(worker: &mut Worker) -> Result<(), Failure> {
         if worker.wait(Some(deadline_ns))?.stop {
             bridge.release_areas();
             bridge.close_scans();
+            bridge.tell_the_last(worker)?;
             bridge.link.leave();
             return Ok(());
         }
     }
 }
+
+/// What was told last is on its way to the journal when a host stops: so long a bridge waits for it.
+const LINGER_NS: u64 = SECOND_NS * 3 / 10;
 
 /// What came under the key of somebody else.
 #[derive(Default)]
@@ -335,6 +339,16 @@ impl Bridge {
         }
         self.hand_on(&again);
         self.take_arrived() // the bell may have rung since it was looked at
+    }
+
+    /// Events that the areas told when they stopped; who misses them here has them when the host is back.
+    fn tell_the_last(&mut self, worker: &Worker) -> Result<(), Failure> {
+        let until_ns = monotonic_ns() + LINGER_NS;
+        while monotonic_ns() < until_ns {
+            self.serve(worker)?;
+            worker.events.wait(Some(self.deadline_ns().min(until_ns)))?;
+        }
+        Ok(())
     }
 
     fn tell(&mut self, out: Vec<Tell<Asker>>) {
