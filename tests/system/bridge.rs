@@ -307,6 +307,28 @@ fn what_comes_under_the_key_of_somebody_else_is_left_out_and_told() {
     edge.stop();
 }
 
+/// A port that somebody else has is no reason to be blind as well.
+#[test]
+fn a_host_whose_port_is_taken_watches_and_joins_when_it_is_free() {
+    let toml = two_hosts();
+    let file = protocol::site::Site::parse(&toml, "t").unwrap_or_else(|e| panic!("{e}"));
+    let taken = TcpListener::bind(&file.hosts[0].endpoint).unwrap();
+    let (mut edge, mut desk) = (start(&toml, "edge", &[]), start(&toml, "desk", &[]));
+    let text = edge.wait_until("the taken port", |report| {
+        let mut faults = find(report, "bridge").faults.iter();
+        faults.find(|fault| fault.code == "cannot_listen").map(|fault| fault.text.clone())
+    });
+    assert!(text.contains("Address already in use") && !text.contains(".rs:"), "{text}");
+    let maps =
+        |report: &supervisor::StatusReport| count(find(report, "anomaly hall"), "class_maps_in");
+    edge.wait_until("frames all the same", |report| (maps(report) > 5).then_some(()));
+    drop(taken);
+    desk.wait_until_frames_flow(5);
+    assert_eq!(find(&edge.wait_until_healthy(), "bridge").restarts, 0);
+    desk.stop();
+    edge.stop();
+}
+
 #[test]
 fn a_host_must_be_said_and_be_known() {
     let setup = Setup::new(&two_hosts());

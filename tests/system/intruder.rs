@@ -9,11 +9,14 @@ use protocol::event::{EventChange, EventState};
 use protocol::health::Health;
 use protocol::link::{CarriedScan, EventPage, EventRow, HostHealth};
 use protocol::topic;
+use rustix::process::Signal;
 use serde_json::json;
+use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 use zenoh::qos::CongestionControl;
@@ -198,6 +201,51 @@ fn whoever_has_no_right_to_changes_nothing_and_is_counted_and_told() {
     assert_whole(&(1..).zip(rows).collect::<Vec<_>>());
     let restarts = desk.status().unwrap().services.iter().map(|s| s.restarts).sum::<u64>();
     assert_eq!(restarts, 0, "nobody fell over");
+    desk.stop();
+    edge.stop();
+}
+
+/// Strangers knock without end, most of them without a word: the hosts of the site find each other again.
+#[test]
+fn whoever_knocks_without_end_keeps_nobody_out() {
+    let building = building();
+    let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
+    let flows = |report: &supervisor::StatusReport, least: u64| {
+        (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
+    };
+    desk.wait_until("scans through TLS", |report| flows(report, 5));
+    let knocks = AtomicU64::new(0);
+    let is_over = AtomicBool::new(false);
+    let address = ("127.0.0.1", building.ports[0]); // the desk dials the edge
+    let took_ms = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut silent = VecDeque::new();
+            while !is_over.load(Ordering::Relaxed) {
+                let Ok(mut stranger) = TcpStream::connect(address) else { continue };
+                if knocks.fetch_add(1, Ordering::Relaxed) % 2 == 0 {
+                    let _ = stranger.write_all(b"GET / HTTP/1.0\r\n\r\n");
+                } else {
+                    silent.push_back(stranger);
+                }
+                if silent.len() > 500 {
+                    silent.pop_front();
+                }
+                std::thread::sleep(Duration::from_millis(3));
+            }
+        });
+        wait_for_count(&mut edge, "connections_refused_unauthorised", 50);
+        let killed = desk.kill("bridge", Signal::KILL);
+        let begin = Instant::now();
+        desk.wait_until("the bridge again", |report| {
+            find(report, "bridge").pid.filter(|pid| *pid != killed)
+        });
+        let before = count(find(&desk.status().unwrap(), "anomaly room"), "class_maps_in");
+        desk.wait_until("scans again", |report| flows(report, before + 5));
+        is_over.store(true, Ordering::Relaxed);
+        begin.elapsed().as_millis()
+    });
+    println!("{} strangers; scans again after {took_ms} ms", knocks.into_inner());
+    println!("{}", edge.wait_until("the strangers are told", alarm));
     desk.stop();
     edge.stop();
 }

@@ -8,10 +8,12 @@
 //! ```
 //!
 //! `cursor <= taken <= head`: up to `cursor` the own journal has everything; from there to `taken` it
-//! was handed on. A younger journal of the host (its epoch is higher: its state was lost) is followed from
-//! its first row; an older one, or one that says something else than before, stops it. A bridge that dies begins again at the stored cursor, and hands on again what was
+//! was handed on. A bridge that dies begins again at the stored cursor, and hands on again what was
 //! not acknowledged: the journal knows an `(origin, sequence)` that it has. So nothing is lost and
 //! nothing is there twice, whoever dies when.
+//!
+//! A younger journal of the host (its epoch is higher: its state was lost) is followed from its first row;
+//! an older one, or one that says something else than before, stops the follower.
 //!
 //! Pure: the time is an argument (CLOCK_MONOTONIC, nanoseconds).
 

@@ -8,6 +8,7 @@
 use process::overhear::{Overhear, overhear};
 use protocol::time::SECOND_NS;
 use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use tracing::Level;
 
@@ -24,6 +25,10 @@ const KINDS_LOOKED_UP: u8 = 9;
 /// Who may connect: the common names of the hosts of the site.
 static KNOWN: OnceLock<Vec<String>> = OnceLock::new();
 static TOTALS: Mutex<Totals> = Mutex::new(Totals::NONE);
+
+/// The names in the certificates of those who speak, by their sessions.
+static SESSIONS: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
+const SESSIONS_MAX: usize = 256;
 
 thread_local! {
     static LOOKED_UP: Cell<u8> = const { Cell::new(0) };
@@ -100,16 +105,35 @@ fn denied(text: &str, looked_up: &Cell<u8>) -> Option<Knock> {
         looked_up.set(KINDS_LOOKED_UP);
         return None;
     }
-    if !text.starts_with("Using cached result") && looked_up.get() > 0 {
+    let cached = text.strip_prefix("Using cached result: ");
+    let refused = cached.unwrap_or(text).split_once(" is unauthorized to ");
+    let refused = refused.map(|(who, what)| (speaker(who), what));
+    if cached.is_none() && looked_up.get() > 0 {
         looked_up.set(looked_up.get() - 1);
         return None;
     }
-    let (_, what) = text.split_once(" is unauthorized to ")?;
+    let (who, what) = refused?;
     let (kind, key) = what.split_once(" (ingress) on ")?;
-    Some(Knock::Message(format!(
-        "a {} for {key} of a host that may not send it",
-        kind.to_lowercase()
-    )))
+    let kind = kind.to_lowercase();
+    Some(Knock::Message(format!("a {kind} for {key} from {who}, which may not send it")))
+}
+
+/// Who speaks: `<session> on ..+CertCommonName(<name>)+..`, and a session that was heard of so is known by
+/// its name later.
+fn speaker(who: &str) -> String {
+    let mut sessions = SESSIONS.lock().unwrap_or_else(PoisonError::into_inner);
+    let named = who.split_once(" on ").and_then(|(session, subject)| {
+        let (_, name) = subject.split_once("CertCommonName(")?;
+        Some((session, name.split_once(')')?.0))
+    });
+    if let Some((session, name)) = named {
+        if sessions.len() >= SESSIONS_MAX && !sessions.contains_key(session) {
+            sessions.clear(); // each is heard of again with its next key
+        }
+        sessions.insert(session.to_owned(), name.to_owned());
+        return name.to_owned();
+    }
+    sessions.get(who).cloned().unwrap_or_else(|| "a host".to_owned())
 }
 
 /// A line of the listener: a connection that was refused, or is of somebody the site does not have.
@@ -179,11 +203,23 @@ mod tests {
     #[test]
     fn a_message_that_is_refused_is_heard_and_what_is_only_looked_up_is_not() {
         let none = Cell::new(0);
-        let text = "ab12 on edge is unauthorized to Put (ingress) on tog/lab/desk/health";
+        let text = "ab12 on Interface(lo)+CertCommonName(edge.lab)+Transport(Tls) is unauthorized to Put (ingress) on tog/lab/desk/health";
         let words = message(text, &none).unwrap();
-        assert_eq!(words, "a put for tog/lab/desk/health of a host that may not send it");
-        assert_eq!(message("ab12 on edge is authorized to Put (ingress) on tog/a", &none), None);
-        assert_eq!(message("ab12 on edge is unauthorized to Put (egress) on tog/a", &none), None);
+        assert_eq!(words, "a put for tog/lab/desk/health from edge.lab, which may not send it");
+        assert_eq!(
+            message(
+                "ab12 on Interface(lo)+CertCommonName(edge.lab)+Transport(Tls) is authorized to Put (ingress) on tog/a",
+                &none
+            ),
+            None
+        );
+        assert_eq!(
+            message(
+                "ab12 on Interface(lo)+CertCommonName(edge.lab)+Transport(Tls) is unauthorized to Put (egress) on tog/a",
+                &none
+            ),
+            None
+        );
         assert_eq!(message("ACL (ingress): caching permissions for `tog/a` ...", &none), None);
         for _ in 0..KINDS_LOOKED_UP {
             assert_eq!(message(text, &none), None);
@@ -191,7 +227,12 @@ mod tests {
         assert!(message(text, &none).is_some());
         none.set(KINDS_LOOKED_UP);
         let cached = "Using cached result: ab12 is unauthorized to Put (ingress) on tog/a";
-        assert!(message(cached, &none).is_some());
+        assert!(message(cached, &none).unwrap().ends_with("from edge.lab, which may not send it"));
+        let stranger = cached.replace("ab12", "cd34");
+        assert!(
+            message(&stranger, &none).unwrap().contains("from a host, which"),
+            "not heard of yet"
+        );
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! A peer among peers: every bridge dials those before it in the site file, and is dialled by those
 //! after it; no scouting, no gossip, nobody relays. But for desks that go `through` others: a client of
-//! one of these at a time, dialled by nobody, for whom those, as routers, relay. A cut link is noticed
+//! one of these at a time, dialled by nobody, for whom those relay. They stay peers: two sessions in zenoh's
+//! mode `router` did not always hear each other again after a cut. A cut link is noticed
 //! after 2 s (the lease is announced, so it must be the same everywhere) and dialled again every 0.5 to
 //! 1 s. TCP buffers are small, so that nothing old sits in the kernel in front of an event.
 //!
@@ -178,6 +179,7 @@ pub(crate) fn read_and_write_on_one_thread() {
 pub fn open(site: &Site, me: &Host, files: &Files) -> Result<Session, String> {
     let failed = |error: zenoh::Error| {
         let (id, endpoint) = (&me.id, &me.endpoint);
+        let error = without_places(&error.to_string());
         if me.through.is_empty() {
             format!("host {id} cannot listen on {endpoint}: {error}: is this host {id}?")
         } else {
@@ -186,6 +188,18 @@ pub fn open(site: &Site, me: &Host, files: &Files) -> Result<Session, String> {
     };
     let config = zenoh::Config::from_json5(&config(site, me, files).to_string()).map_err(failed)?;
     zenoh::open(config).wait().map_err(failed)
+}
+
+/// An error of zenoh without the places in its sources (` at /path/of/a/machine.rs:12`).
+fn without_places(error: &str) -> String {
+    let words = error.split(' ').collect::<Vec<_>>();
+    let is_place = |word: &str| word.starts_with('/') && word.contains(".rs:");
+    let stays = |at: &usize| {
+        let next_is_place = words.get(at + 1).is_some_and(|next| is_place(next));
+        !is_place(words[*at]) && !(words[*at] == "at" && next_is_place)
+    };
+    let kept: Vec<&str> = (0..words.len()).filter(stays).map(|at| words[at]).collect();
+    kept.join(" ").trim_end_matches(['.', ' ']).to_owned()
 }
 
 /// The hosts that may run an area that this one may run as well.
@@ -288,13 +302,16 @@ fn end_unanswered<T>(question: T) {
 /// Bytes that wait in the kernel, each way: what is there nothing more urgent can overtake.
 const SOCKET_BYTES: usize = 256 * 1024;
 
+/// Whoever connects and shows no certificate by then is thrown out: each holds a descriptor until then.
+const HANDSHAKE_MS: u64 = 3000;
+
 fn locator(host: &Host) -> String {
-    let protocol = match host.transport {
-        Transport::PlainTcp => "tcp",
-        Transport::Tls => "tls",
+    let (protocol, more) = match host.transport {
+        Transport::PlainTcp => ("tcp", String::new()),
+        Transport::Tls => ("tls", format!(";tls_handshake_timeout_ms={HANDSHAKE_MS}")),
     };
     let endpoint = &host.endpoint;
-    format!("{protocol}/{endpoint}#so_sndbuf={SOCKET_BYTES};so_rcvbuf={SOCKET_BYTES}")
+    format!("{protocol}/{endpoint}#so_sndbuf={SOCKET_BYTES};so_rcvbuf={SOCKET_BYTES}{more}")
 }
 
 /// Both sides show their certificates, and hold the other's against the address that was dialled.
@@ -326,16 +343,8 @@ fn plain_config(site: &Site, me: &Host) -> serde_json::Value {
     } else {
         before.filter(|host| host.through.is_empty()).map(locator).collect()
     };
-    let is_router = site.clients_of(&me.id).next().is_some();
-    let mode = if is_client {
-        "client"
-    } else if is_router {
-        "router"
-    } else {
-        "peer"
-    };
     json!({
-        "mode": mode,
+        "mode": if is_client { "client" } else { "peer" },
         "metadata": { "host": me.id, "site": site.name },
         "listen": { "endpoints": if is_client { Vec::new() } else { vec![locator(me)] } },
         "connect": {
@@ -418,7 +427,7 @@ mod tests {
         let mut behind = site.clone();
         behind.hosts[1].through = vec!["c".to_owned(), "a".to_owned()];
         let [a, b, c] = [0, 1, 2].map(|n| config(&behind, &behind.hosts[n], &files));
-        assert_eq!([&a["mode"], &b["mode"], &c["mode"]], ["router", "client", "router"]);
+        assert_eq!([&a["mode"], &b["mode"], &c["mode"]], ["peer", "client", "peer"]);
         assert_eq!(b["listen"]["endpoints"], json!([]));
         let dialled = |config: &serde_json::Value| config["connect"]["endpoints"].clone();
         assert_eq!(dialled(&c), json!([locator(&site.hosts[0])]));

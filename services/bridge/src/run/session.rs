@@ -30,24 +30,36 @@ pub(super) fn open(worker: &mut Worker) -> Result<Option<Opened>, Failure> {
     let me = me.ok_or_else(|| Failure::Config("a bridge needs a host".to_owned()))?;
     let files = Files::of(&worker.instance.resolve(&site.tls_dir), &me.id);
     let certificate = certificate(&site, &me, &files)?;
-    let session = if me.through.is_empty() {
-        Some(link::open(&site, &me, &files).map_err(Failure::Failed)?)
+    // A peer listens at once or not at all; a client waits for an answer.
+    let opened = if me.through.is_empty() {
+        link::open(&site, &me, &files)
     } else {
-        open_as_client(worker, site, me.clone(), files)?
+        Err(format!("none of the hosts {} answers", me.through.join(", ")))
+    };
+    let session = match opened {
+        Ok(session) => Some(session),
+        Err(error) => open_in_background(worker, site, me.clone(), files, &error)?,
     };
     Ok(session.map(|session| Opened { me, session, certificate }))
 }
 
-/// A client of zenoh waits for an answer: on a thread, so that this one is well and can be stopped.
-fn open_as_client(
+/// The session does not open: nobody answers a client, or somebody else has the port. It is tried again on
+/// a thread, so that this one is well and can be stopped; the areas of this host go on meanwhile.
+fn open_in_background(
     worker: &mut Worker,
     site: Site,
     me: Host,
     files: Files,
+    error: &str,
 ) -> Result<Option<Session>, Failure> {
     let (tell, told) = mpsc::channel();
     let (bell, ringer) = UnixStream::pair()?;
-    let routers = me.through.join(", ");
+    let (code, hint) = if me.through.is_empty() {
+        ("cannot_listen", "`ss -ltnp` says who has the port. ")
+    } else {
+        ("no_router", "")
+    };
+    let words = format!("{error}. {hint}It is tried again twice a second");
     thread::Builder::new().name("dial".to_owned()).spawn(move || {
         let _rings_when_it_ends = ringer;
         let session = loop {
@@ -67,16 +79,13 @@ fn open_as_client(
             break session;
         }
         let waits = monotonic_ns() - begun_ns > 3 * SECOND_NS;
-        let words = waits.then(|| {
-            format!("none of the hosts {routers} answers: they are asked again twice a second")
-        });
-        worker.health.set_fault("no_router", words);
+        worker.health.set_fault(code, waits.then(|| words.clone()));
         if worker.wait(None)?.stop {
             return Ok(None);
         }
         while worker.events.next_ready().is_some() {}
     };
-    worker.health.set_fault("no_router", None);
+    worker.health.set_fault(code, None);
     worker.events.unwatch(token, &bell)?;
     Ok(Some(session))
 }
