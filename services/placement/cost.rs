@@ -12,6 +12,7 @@ use protocol::codec::{Encoded, encode};
 use protocol::link::{CarriedScan, EventPage};
 use protocol::scan::{LaserScan, ScanGeometry};
 use protocol::site::{Area, Host, Laser, Pace, Site, Source};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// What a laser sends.
@@ -19,6 +20,8 @@ use std::path::Path;
 pub struct Feed {
     /// Beams of a scan.
     pub beams: usize,
+    /// The angle that it sees, degrees.
+    pub view_deg: f64,
     /// Scans a second.
     pub rate_hz: f64,
 }
@@ -35,11 +38,22 @@ const HEALTH_BYTES: usize = 420;
 const KEEP_ALIVES_HZ: f64 = 2.0;
 /// Of what is received about every second packet is acknowledged, fewer where they come in pairs.
 const ACKNOWLEDGED: f64 = 0.4;
-/// Bytes of a frame's delta for each beam of the area's lasers: 0.4 (W3r) to 0.75 (W1r), see `table wire`. It
-/// depends on the place: a laser alone in the simulated room, at 10 Hz, takes 3.5 (634 bytes a frame).
-const DELTA_BYTES_A_BEAM: f64 = 0.75;
-/// Bytes of a class map's delta for each beam: 0.07 to 0.1, likewise.
-const CLASS_DELTA_BYTES_A_BEAM: f64 = 0.1;
+/// But a packet that is alone is acknowledged after 40 ms: so many a second all are.
+const ALONE_HZ: f64 = 25.0;
+// What is in frames and class maps of a place where people walk, key frames included, bytes. Between two
+// frames noise turns some cells, the more the more beams there are; and where few lasers see, the shadows of
+// those who walk sweep over others, the more the longer it takes. Whatever is more counts. A place where
+// nobody walks costs less.
+
+/// Of a frame for each beam of the area's lasers: 0.4 (W3r) to 0.75 (W1r), see `table wire`.
+const FRAME_BYTES_A_BEAM: f64 = 0.75;
+/// For each degree that its widest laser sees, and each second between two frames: one laser at 10 Hz in
+/// the simulated room takes 580 bytes a frame.
+const FRAME_BYTES_A_DEG_S: f64 = 32.0;
+/// Of a class map, likewise.
+const CLASS_BYTES_A_BEAM: f64 = 0.1;
+/// Likewise.
+const CLASS_BYTES_A_DEG_S: f64 = 6.0;
 
 /// How many beams a laser has, and how many scans a second; none if its scene or recording cannot be
 /// read.
@@ -47,8 +61,9 @@ pub fn feed(laser: &Laser, base_dir: &Path) -> Option<Feed> {
     match &laser.source {
         Source::Simulator { scene, rate_hz, .. } => {
             let scene = laser::site::load_scene(scene, base_dir).ok()?;
-            let beams = laser::site::simulated_laser(&scene, laser).beams as usize;
-            Some(Feed { beams, rate_hz: *rate_hz })
+            let laser = laser::site::simulated_laser(&scene, laser);
+            let view_deg = f64::from(laser.beams) * laser.angle_increment_deg.abs();
+            Some(Feed { beams: laser.beams as usize, view_deg, rate_hz: *rate_hz })
         }
         Source::Replay { recording, topic, pace } => {
             let pace = match pace {
@@ -64,8 +79,11 @@ pub fn feed(laser: &Laser, base_dir: &Path) -> Option<Feed> {
             }
             let span_s = (stamps_ns.last()? - stamps_ns.first()?) as f64 / 1e9;
             let rate_hz = pace * (stamps_ns.len() - 1) as f64 / span_s;
+            let beams = scan.ranges_m.len();
+            let increment_deg = scan.geometry.angle_increment_rad.to_degrees();
             Some(Feed {
-                beams: scan.ranges_m.len(),
+                beams,
+                view_deg: beams as f64 * increment_deg.abs(),
                 rate_hz: if span_s > 0.0 { rate_hz } else { 0.0 },
             })
         }
@@ -160,7 +178,14 @@ impl<'s> Costs<'s> {
             };
             way.windows(2).map(hop).collect::<Vec<_>>()
         };
-        streams.iter().flat_map(hops).collect()
+        // What one host says to several crosses a link that is on the way to all of them once.
+        let mut crossed = BTreeSet::new();
+        let said = streams.iter().flat_map(|stream| {
+            hops(stream).into_iter().map(move |hop| (stream.from, stream.what.as_str(), hop))
+        });
+        said.filter(|(who, what, hop)| crossed.insert((*who, *what, hop.from, hop.to)))
+            .map(|(_, _, hop)| hop)
+            .collect()
     }
 
     fn stream(
@@ -178,8 +203,8 @@ impl<'s> Costs<'s> {
         let mut streams = Vec::new();
         for (index, laser, area) in self.site.lasers_that_cross() {
             let from = self.site.host_of_laser(laser).unwrap_or_default();
-            let Feed { beams, rate_hz } =
-                self.feeds[index].unwrap_or(Feed { beams: 0, rate_hz: 0.0 });
+            let Feed { beams, rate_hz, .. } =
+                self.feeds[index].unwrap_or(Feed { beams: 0, view_deg: 0.0, rate_hz: 0.0 });
             let bytes = scan_bytes(&laser.id, beams);
             // Of an area with a standby the scans go to where it runs: its own host, as a rule.
             let runs_on = area.host.as_deref().unwrap_or_default();
@@ -197,13 +222,17 @@ impl<'s> Costs<'s> {
             for area in self.site.areas_followed_by(Some(&to.id)) {
                 let from = area.host.as_deref().unwrap_or_default();
                 let (beams, rate_hz) = self.of_area(area);
+                let widest = self.feeds_of(area).map(|feed| feed.view_deg).fold(0.0, f64::max);
                 let head = map_bytes(from, &area.id);
-                let bytes = |a_beam: f64| head + (a_beam * beams as f64) as usize;
+                let bytes = |a_beam: f64, a_deg_s: f64| {
+                    head + (a_beam * beams as f64).max(a_deg_s * widest / rate_hz) as usize
+                };
                 let frames = format!("frames of area {}", area.id);
-                let frames = self.stream(from, &to.id, frames, bytes(DELTA_BYTES_A_BEAM), rate_hz);
+                let of_frame = bytes(FRAME_BYTES_A_BEAM, FRAME_BYTES_A_DEG_S);
+                let frames = self.stream(from, &to.id, frames, of_frame, rate_hz);
                 let what = format!("class maps of area {}", area.id);
-                let a_beam = CLASS_DELTA_BYTES_A_BEAM;
-                let classes = self.stream(from, &to.id, what, bytes(a_beam), rate_hz);
+                let of_map = bytes(CLASS_BYTES_A_BEAM, CLASS_BYTES_A_DEG_S);
+                let classes = self.stream(from, &to.id, what, of_map, rate_hz);
                 streams.extend([frames, classes]);
             }
         }
@@ -251,7 +280,9 @@ impl<'s> Costs<'s> {
         };
         let ((bytes, _), (_, back_hz)) = (of(from, to), of(to, from));
         let kept_alive = KEEP_ALIVES_HZ * self.on_the_wire(0);
-        bytes + kept_alive + ACKNOWLEDGED * (back_hz + KEEP_ALIVES_HZ) * PACKET_BYTES as f64
+        let back_hz = back_hz + KEEP_ALIVES_HZ;
+        let acknowledged_hz = back_hz.min(ALONE_HZ) + ACKNOWLEDGED * (back_hz - ALONE_HZ).max(0.0);
+        bytes + kept_alive + acknowledged_hz * PACKET_BYTES as f64
     }
 
     /// Cores of a host that are busy, while it runs what is placed there; `with_standbys` also with the
@@ -259,7 +290,7 @@ impl<'s> Costs<'s> {
     pub fn cores(&self, streams: &[Stream<'_>], host: Option<&str>, with_standbys: bool) -> f64 {
         let mut us_per_s = Role::all(self.site, host).len() as f64 * IDLE_PROCESS_US;
         for (laser, feed) in self.site.lasers.iter().zip(&self.feeds) {
-            let Some(Feed { beams, rate_hz }) = *feed else { continue };
+            let Some(Feed { beams, rate_hz, .. }) = *feed else { continue };
             let is_simulated = matches!(laser.source, Source::Simulator { .. });
             if self.site.host_of_laser(laser) == host {
                 let beams_us = if is_simulated { beams as f64 * SIMULATED_BEAM_US } else { 0.0 };

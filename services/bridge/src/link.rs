@@ -39,6 +39,13 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
 use zenoh::sample::Sample;
 
+/// What zenoh's links read when they are compiled is in a file that cargo reads only there. Without it the
+/// thread that reads and writes all links would wait ten seconds for each one that was cut.
+const _: () = assert!(
+    option_env!("TLS_LINGER_TIMEOUT").is_some() && option_env!("TCP_LINGER_TIMEOUT").is_some(),
+    "run cargo in the directory of the repository: its .cargo/config.toml says how zenoh is compiled"
+);
+
 /// Longest message of all: a page of events with its envelope.
 const MESSAGE_BYTES_MAX: usize = PAGE_BYTES_MAX + ENVELOPE_BYTES;
 /// A question that is not answered by then ends without an answer.
