@@ -19,7 +19,7 @@ fi
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 # One at a time: each has the machine for itself.
-for suite in lan overhead standby intruder clients three_hosts_say router upgrade; do
+for suite in lan overhead standby lost_state intruder clients three_hosts_say router upgrade; do
     echo "== $suite" | tee -a "$log" >&2
     cargo test --workspace --quiet --test system -- --nocapture --test-threads 1 "$suite" >>"$log" 2>&1 ||
         { cat "$log" >&2; exit 1; }
@@ -41,5 +41,7 @@ row "an area back at its standby" 'back after ms'
 row "an area handed over" 'handed over after'
 row "a desk behind two routers" 'a desk behind routers|through two routers'
 row "hosts of two versions" 'upgraded (edge|desk)'
+row "strangers who knock without end" 'strangers; scans again'
+row "a host whose state was lost" 'began a new journal'
 row "intruders" 'refused|unauthorised'
 row "one host and three, the same classes" 'frames compared'

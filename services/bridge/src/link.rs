@@ -203,7 +203,8 @@ fn without_places(error: &str) -> String {
     let is_place = |word: &str| word.starts_with('/') && word.contains(".rs:");
     let stays = |at: &usize| {
         let next_is_place = words.get(at + 1).is_some_and(|next| is_place(next));
-        !is_place(words[*at]) && !(words[*at] == "at" && next_is_place)
+        let leads_to_one = words[*at] == "at" && next_is_place;
+        !is_place(words[*at]) && !leads_to_one
     };
     let kept: Vec<&str> = (0..words.len()).filter(stays).map(|at| words[at]).collect();
     kept.join(" ").trim_end_matches(['.', ' ']).to_owned()
