@@ -3,7 +3,7 @@
 use super::feed::{Desk, assert_whole};
 use crate::pipeline::{made, support};
 use alerts::{JOURNAL_FILE, Journal};
-use harness::{Random, Setup, Site, WATCHDOG, count, find, is_nightly, tog};
+use harness::{Random, Setup, Site, WATCHDOG, count, fault, find, is_nightly, tog};
 use process::{Bus, EventLoop, Instance};
 use protocol::codec::encode;
 use protocol::event::{EventChange, EventKind, EventState};
@@ -71,6 +71,34 @@ pub(super) fn of(rows: Vec<(u64, EventChange)>) -> Vec<EventChange> {
     rows.into_iter().map(|(_, change)| change).collect()
 }
 
+/// What the journal of a host has of `origin`, once that is as long.
+pub(super) fn wait_for_rows(
+    site: &Site,
+    host: &str,
+    origin: &str,
+    least: usize,
+) -> Vec<EventChange> {
+    let begin = Instant::now();
+    loop {
+        let rows = of(journal_of(site, host, origin));
+        if rows.len() >= least {
+            return rows;
+        }
+        assert!(begin.elapsed() < WATCHDOG, "{} of {least} of {origin}", rows.len());
+        site.log().wait_a_moment(Duration::from_millis(5));
+    }
+}
+
+/// Somebody with zenoh and nothing of tog, at an endpoint without TLS.
+fn stranger(endpoint: &str) -> zenoh::Session {
+    let config = serde_json::json!({
+        "mode": "client",
+        "connect": { "endpoints": [format!("tcp/{endpoint}")] },
+        "scouting": { "multicast": { "enabled": false } },
+    });
+    zenoh::open(zenoh::Config::from_json5(&config.to_string()).unwrap()).wait().unwrap()
+}
+
 /// Compares what an area (`origin`) of a host has in its journal there with what the host `desk` has of
 /// it, once that is as long. How many changes.
 pub(super) fn assert_the_desk_has_all(
@@ -78,15 +106,7 @@ pub(super) fn assert_the_desk_has_all(
     desk: &Site,
 ) -> usize {
     let sent = of(journal_of(site, host, origin));
-    let begin = Instant::now();
-    let rows = loop {
-        let rows = of(journal_of(desk, "desk", origin));
-        if rows.len() >= sent.len() {
-            break rows;
-        }
-        assert!(begin.elapsed() < WATCHDOG, "{} of {}", rows.len(), sent.len());
-        desk.log().wait_a_moment(Duration::from_millis(5));
-    };
+    let rows = wait_for_rows(desk, "desk", origin, sent.len());
     assert_eq!(rows, sent, "content and order");
     assert_whole(&(1..).zip(rows).collect::<Vec<_>>());
     sent.len()
@@ -279,13 +299,7 @@ fn what_comes_under_the_key_of_somebody_else_is_left_out_and_told() {
     let mut edge = start(&toml, "edge", &[]);
     let mut desk = start(&toml, "desk", &[]);
     desk.wait_until_frames_flow(5);
-    let config = serde_json::json!({
-        "mode": "client",
-        "connect": { "endpoints": [format!("tcp/{}", file.hosts[1].endpoint)] },
-        "scouting": { "multicast": { "enabled": false } },
-    });
-    let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
-    let session = zenoh::open(config).wait().unwrap();
+    let session = stranger(&file.hosts[1].endpoint);
     let put = |key: String, bytes: Vec<u8>| session.put(key, bytes).wait().unwrap();
     let scan = CarriedScan { laser: "south".to_owned(), ..CarriedScan::default() };
     let page = EventPage { host: "desk".to_owned(), ..EventPage::default() };
@@ -314,10 +328,7 @@ fn a_host_whose_port_is_taken_watches_and_joins_when_it_is_free() {
     let file = protocol::site::Site::parse(&toml, "t").unwrap_or_else(|e| panic!("{e}"));
     let taken = TcpListener::bind(&file.hosts[0].endpoint).unwrap();
     let (mut edge, mut desk) = (start(&toml, "edge", &[]), start(&toml, "desk", &[]));
-    let text = edge.wait_until("the taken port", |report| {
-        let mut faults = find(report, "bridge").faults.iter();
-        faults.find(|fault| fault.code == "cannot_listen").map(|fault| fault.text.clone())
-    });
+    let text = edge.wait_until("the taken port", |report| fault(report, "bridge", "cannot_listen"));
     assert!(text.contains("Address already in use") && !text.contains(".rs:"), "{text}");
     let maps =
         |report: &supervisor::StatusReport| count(find(report, "anomaly hall"), "class_maps_in");
@@ -337,13 +348,7 @@ fn a_host_that_asks_like_mad_is_told_and_nobody_falls_over() {
     let mut edge = start(&toml, "edge", &[]);
     let mut desk = start(&toml, "desk", &[]);
     desk.wait_until_frames_flow(5);
-    let config = serde_json::json!({
-        "mode": "client",
-        "connect": { "endpoints": [format!("tcp/{}", file.hosts[0].endpoint)] },
-        "scouting": { "multicast": { "enabled": false } },
-    });
-    let config = zenoh::Config::from_json5(&config.to_string()).unwrap();
-    let session = zenoh::open(config).wait().unwrap();
+    let session = stranger(&file.hosts[0].endpoint);
     let log = topic::log_key("t", "edge");
     for n in 0..if is_nightly() { 2_000_000 } else { 60_000 } {
         let asked = session.get(if n % 64 == 0 { log.clone() } else { format!("{log}?after=0") });
@@ -352,9 +357,9 @@ fn a_host_that_asks_like_mad_is_told_and_nobody_falls_over() {
     }
     let text = edge.wait_until("the flood is told", |report| {
         let bridge = find(report, "bridge");
-        let told = bridge.faults.iter().find(|fault| fault.code == "flooded")?;
+        let told = fault(report, "bridge", "flooded")?;
         let counted = ["questions_put_off", "questions_refused"].map(|name| count(bridge, name));
-        counted.iter().all(|count| *count >= 100).then(|| told.text.clone())
+        counted.iter().all(|count| *count >= 100).then_some(told)
     });
     assert!(text.starts_with("other hosts send faster than this one reads"), "{text}");
     drop(session);

@@ -1,9 +1,9 @@
 //! Hosts that know each other by certificates, and somebody who should not be there.
 
-use super::bridge::{journal_of, of};
+use super::bridge::{journal_of, of, wait_for_rows};
 use super::feed::{Desk, assert_whole};
 use certificates::{Files, Identity};
-use harness::{Scratch, Setup, Site, WATCHDOG, count, find};
+use harness::{Scratch, Setup, Site, count, fault, find};
 use protocol::codec::encode;
 use protocol::event::{EventChange, EventState};
 use protocol::health::Health;
@@ -116,8 +116,7 @@ fn counts(desk: &mut Site, name: &str) -> u64 {
 
 /// What the bridge says of whoever has no right to.
 fn alarm(report: &supervisor::StatusReport) -> Option<String> {
-    let mut faults = find(report, "bridge").faults.iter();
-    faults.find(|fault| fault.code == "unauthorised").map(|fault| fault.text.clone())
+    fault(report, "bridge", "unauthorised")
 }
 
 #[track_caller]
@@ -186,15 +185,7 @@ fn whoever_has_no_right_to_changes_nothing_and_is_counted_and_told() {
     let again = told.hold_laser_until_told(&mut edge, told.count());
     told.release_laser(&mut edge, &again.change.id);
     let sent = of(journal_of(&edge, "edge", "hall"));
-    let begin = Instant::now();
-    let rows = loop {
-        let rows = of(journal_of(&desk, "desk", "hall"));
-        if rows.len() >= sent.len() {
-            break rows;
-        }
-        assert!(begin.elapsed() < WATCHDOG, "{} of {}", rows.len(), sent.len());
-        desk.log().wait_a_moment(Duration::from_millis(5));
-    };
+    let rows = wait_for_rows(&desk, "desk", "hall", sent.len());
     assert_eq!(rows, sent, "what happened, and nothing else");
     assert!(rows.iter().all(|change| change.text != "FORGED"));
     assert_whole(&(1..).zip(rows).collect::<Vec<_>>());

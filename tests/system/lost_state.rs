@@ -1,14 +1,13 @@
 //! A host that is lost, and one whose state is lost or restored from a backup: the desk is told, what the
 //! host tells from then on reaches it, and nothing that it has is there twice.
 
-use super::bridge::{journal_of, of, start, two_hosts};
+use super::bridge::{journal_of, of, start, two_hosts, wait_for_rows};
 use super::feed::{Desk, assert_whole};
-use harness::{Site, WATCHDOG, find};
+use harness::{Site, fault, find};
 use protocol::event::{EventChange, EventKind, EventState};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
-use std::time::{Duration, Instant};
 
 /// Something happens at the edge; then all that the desk has of it, which is `before` and then what the
 /// journal of the edge has behind its first `known` rows.
@@ -23,15 +22,7 @@ fn happens(
     told.release_laser(edge, &raised.change.id);
     let sent = of(journal_of(edge, "edge", "hall"));
     let expected = [before, &sent[known..]].concat();
-    let begin = Instant::now();
-    let rows = loop {
-        let rows = of(journal_of(desk, "desk", "hall"));
-        if rows.len() >= expected.len() {
-            break rows;
-        }
-        assert!(begin.elapsed() < WATCHDOG, "{} of {}", rows.len(), expected.len());
-        desk.log().wait_a_moment(Duration::from_millis(5));
-    };
+    let rows = wait_for_rows(desk, "desk", "hall", expected.len());
     assert_eq!(rows, expected, "content and order");
     rows
 }
@@ -39,8 +30,7 @@ fn happens(
 fn wait_until_it_is_told(desk: &mut Site) -> String {
     desk.wait_until("the new journal is told", |report| {
         assert!(find(report, "alerts").faults.is_empty(), "{}", report.table());
-        let mut faults = find(report, "bridge").faults.iter();
-        faults.find(|fault| fault.code == "journal_replaced edge").map(|fault| fault.text.clone())
+        fault(report, "bridge", "journal_replaced edge")
     })
 }
 
@@ -118,10 +108,7 @@ fn a_lost_host_is_an_event_at_the_desk_and_another_site_file_is_told() {
     again.wait_for(0, "the host again", over);
     for (site, other) in [(&mut edge, "desk"), (&mut desk, "edge")] {
         let code = format!("site_differs {other}");
-        let text = site.wait_until(&code, |report| {
-            let mut faults = find(report, "bridge").faults.iter();
-            faults.find(|fault| fault.code == code).map(|fault| fault.text.clone())
-        });
+        let text = site.wait_until(&code, |report| fault(report, "bridge", &code));
         assert!(text.contains("another site file"), "{text}");
     }
     desk.stop();

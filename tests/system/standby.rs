@@ -1,13 +1,13 @@
 //! A host that is lost: its area goes on elsewhere, with the map as it was copied, and is run by one host
 //! again as soon as all hear each other.
 
-use super::bridge::{hosts, journal_of, of};
+use super::bridge::{hosts, journal_of, of, wait_for_rows};
 use super::disk::Disk;
 use super::feed::Desk;
-use harness::{Setup, Site, WATCHDOG, find, is_nightly, kill, processes_of};
+use harness::{Setup, Site, fault, find, is_nightly, kill, processes_of};
 use protocol::event::EventState;
 use rustix::process::Signal;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use supervisor::StatusReport;
 
 /// `hall` runs on `main`, on `spare` if that is lost; its lasers on `edge`, which is a desk as well.
@@ -154,12 +154,7 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
     for (site, host, origin) in runs {
         let sent = of(journal_of(site, host, origin));
         assert!(sent.len() >= 2, "{origin}");
-        let begin = Instant::now();
-        while of(journal_of(&edge, "edge", origin)).len() < sent.len() {
-            assert!(begin.elapsed() < WATCHDOG, "{origin}");
-            edge.log().wait_a_moment(Duration::from_millis(5));
-        }
-        assert_eq!(of(journal_of(&edge, "edge", origin)), sent, "{origin}");
+        assert_eq!(wait_for_rows(&edge, "edge", origin, sent.len()), sent, "{origin}");
     }
     let owner = if is_main { &mut main } else { &mut spare };
     owner.stop();
@@ -182,11 +177,8 @@ fn a_standby_whose_disk_is_full_takes_over_and_says_so() {
     disk.fill();
     kill_host(&mut main);
     wait_until_it_runs(&mut spare);
-    let fault = |report: &StatusReport| {
-        let mut faults = find(report, "bridge").faults.iter();
-        faults.find(|fault| fault.code == "tenure_unwritable").map(|fault| fault.text.clone())
-    };
-    let text = spare.wait_until("the full disk is told", fault);
+    let unwritable = |report: &StatusReport| fault(report, "bridge", "tenure_unwritable");
+    let text = spare.wait_until("the full disk is told", unwritable);
     assert!(text.contains("tenure-hall.json") && text.contains("No space"), "{text}");
     // Somebody watches. What is not in the journal there is told there only; the desk hears that the host
     // is not well.
@@ -194,14 +186,13 @@ fn a_standby_whose_disk_is_full_takes_over_and_says_so() {
     let raised = told.hold_laser_until_told(&mut edge, 0);
     assert_eq!((raised.change.origin.as_str(), raised.journaled), ("hall@spare", false));
     edge.wait_until("the desk hears of it", |report| {
-        let unwell = |f: &&protocol::health::Fault| f.code == "host_unwell spare";
-        let fault = find(report, "bridge").faults.iter().find(unwell)?;
-        fault.text.contains("journal_unwritable").then_some(())
+        let text = fault(report, "bridge", "host_unwell spare")?;
+        text.contains("journal_unwritable").then_some(())
     });
     disk.free();
     let at_edge = Desk::open_while_degraded(&edge);
     at_edge.wait_for(0, "the event", |told| told.change.id == raised.change.id);
-    spare.wait_until("room again", |report| fault(report).is_none().then_some(()));
+    spare.wait_until("room again", |report| unwritable(report).is_none().then_some(()));
     let stored = std::fs::read_to_string(spare.dir.join("state/spare/bridge/tenure-hall.json"));
     assert!(stored.unwrap().contains("\"owns\":true"));
     spare.stop();
@@ -223,10 +214,7 @@ fn damaged_files_of_a_bridge_are_kept_aside_and_the_host_goes_on() {
     wait_until_it_runs(&mut spare);
     main.start_again();
     for code in ["tenure_damaged hall", "journal_name_damaged"] {
-        let text = main.wait_until(code, |report| {
-            let mut faults = find(report, "bridge").faults.iter();
-            faults.find(|fault| fault.code == code).map(|fault| fault.text.clone())
-        });
+        let text = main.wait_until(code, |report| fault(report, "bridge", code));
         assert!(text.contains("is damaged") && text.contains(".damaged-"), "{text}");
     }
     wait_until_it_stands_by(&mut main);

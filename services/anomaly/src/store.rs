@@ -6,7 +6,7 @@
 
 use crate::outbox::Outbox;
 use crate::watch::Watch;
-use process::file::{is_unfit, read_bounded};
+use process::file::{beside, is_unfit, read_bounded, set_aside};
 use protocol::event::EventChange;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
@@ -57,7 +57,7 @@ pub fn load_normal(
         },
         Found::Unfit(reason) => reason,
     };
-    let aside = set_aside(&path, stamp_ns)?;
+    let aside = set_aside(&path, stamp_ns).map_err(named("rename", &path))?;
     Ok(Some(format!(
         "{}: {error}. It is kept as {}; area `{area}` learns anew.",
         path.display(),
@@ -91,18 +91,6 @@ fn named(action: &'static str, path: &Path) -> impl Fn(io::Error) -> io::Error {
         );
         io::Error::new(error.kind(), text)
     }
-}
-
-fn set_aside(path: &Path, stamp_ns: u64) -> io::Result<PathBuf> {
-    let aside = beside(path, &format!(".damaged-{stamp_ns}"));
-    fs::rename(path, &aside).map_err(named("rename", path))?;
-    Ok(aside)
-}
-
-fn beside(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(suffix);
-    name.into()
 }
 
 /// Writes a file beside the old one, syncs it, and renames it. Makes the directory if it is gone.
@@ -153,7 +141,8 @@ impl OutboxFile {
             Found::Nothing => Vec::new(),
             Found::Bytes(bytes) => bytes,
             Found::Unfit(reason) => {
-                let (aside, path) = (set_aside(&path, stamp_ns)?, path.display());
+                let aside = set_aside(&path, stamp_ns).map_err(named("rename", &path))?;
+                let path = path.display();
                 words = Some(format!(
                     "{path}: {reason}. It is kept as {}, and a new outbox is begun.",
                     aside.display()

@@ -7,6 +7,7 @@
 
 use crate::follower::Cursor;
 use crate::ownership::Stored;
+use process::file::set_aside;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::{self, File};
@@ -40,28 +41,11 @@ impl Shelf {
     /// If it cannot be read or written; the error names it.
     pub fn epoch(&self, fresh: u64) -> io::Result<Kept<u64>> {
         let path = self.directory.join("epoch.json");
-        let Kept { value, damage } = self.read_or_set_aside(&path, fresh)?;
+        let Kept { value, damage } = read_or_set_aside(&path, fresh)?;
         if value.is_none() {
             write(&path, &fresh, true)?;
         }
         Ok(Kept { value: value.unwrap_or(fresh), damage })
-    }
-
-    fn read_or_set_aside<T: DeserializeOwned>(
-        &self,
-        path: &Path,
-        stamp_ns: u64,
-    ) -> io::Result<Kept<Option<T>>> {
-        let error = match read(path) {
-            Ok(value) => return Ok(Kept { value, damage: None }),
-            Err(error) if error.kind() == ErrorKind::InvalidData => error,
-            Err(error) => return Err(error),
-        };
-        let mut aside = path.as_os_str().to_owned();
-        aside.push(format!(".damaged-{stamp_ns}"));
-        fs::rename(path, &aside).map_err(named("rename", path))?;
-        let damage = format!("{error}. It is kept as {}", Path::new(&aside).display());
-        Ok(Kept { value: None, damage: Some(damage) })
     }
 
     /// The cursor into the journal of a host; none if there is none yet.
@@ -78,7 +62,7 @@ impl Shelf {
     /// # Errors
     /// If it cannot be read; the error names it.
     pub fn tenure(&self, area: &str, stamp_ns: u64) -> io::Result<Kept<Option<Stored>>> {
-        self.read_or_set_aside(&self.tenure_path(area), stamp_ns)
+        read_or_set_aside(&self.tenure_path(area), stamp_ns)
     }
 
     /// Keeps that, on the disk itself.
@@ -122,6 +106,20 @@ fn named(action: &'static str, path: &Path) -> impl Fn(io::Error) -> io::Error {
     move |error| {
         io::Error::new(error.kind(), format!("cannot {action} {}: {error}", path.display()))
     }
+}
+
+fn read_or_set_aside<T: DeserializeOwned>(
+    path: &Path,
+    stamp_ns: u64,
+) -> io::Result<Kept<Option<T>>> {
+    let error = match read(path) {
+        Ok(value) => return Ok(Kept { value, damage: None }),
+        Err(error) if error.kind() == ErrorKind::InvalidData => error,
+        Err(error) => return Err(error),
+    };
+    let aside = set_aside(path, stamp_ns).map_err(named("rename", path))?;
+    let damage = format!("{error}. It is kept as {}", aside.display());
+    Ok(Kept { value: None, damage: Some(damage) })
 }
 
 fn read<T: DeserializeOwned>(path: &Path) -> io::Result<Option<T>> {

@@ -152,23 +152,17 @@ impl<Q> Inbox<Q> {
     /// A page of events of a host.
     pub fn page(&self, host: usize, bytes: Vec<u8>) {
         let mut queues = self.lock();
-        if queues.pages.len() < PAGES_MAX {
-            queues.pages.push_back((host, bytes));
-        } else {
-            queues.dropped.pages += 1;
-        }
+        let Queues { pages, dropped, .. } = &mut *queues;
+        dropped.pages += push_first(pages, PAGES_MAX, (host, bytes));
         self.ring(queues);
     }
 
-    /// A question to the own journal; comes back if there is no room.
-    #[must_use]
-    pub fn ask(&self, ask: Ask<Q>) -> Option<Ask<Q>> {
+    /// A question to the own journal.
+    pub fn ask(&self, ask: Ask<Q>) {
         let mut queues = self.lock();
         let Queues { asks, dropped, .. } = &mut *queues;
-        let refused = push_first(asks, ask);
-        dropped.asks += u64::from(refused.is_some());
+        dropped.asks += push_first(asks, ASKS_MAX, ask);
         self.ring(queues);
-        refused
     }
 
     /// The token of a host came, or went.
@@ -188,23 +182,17 @@ impl<Q> Inbox<Q> {
     /// A page of a file of a host.
     pub fn file(&self, host: usize, bytes: Vec<u8>) {
         let mut queues = self.lock();
-        if queues.files.len() < FILES_MAX {
-            queues.files.push_back((host, bytes));
-        } else {
-            queues.dropped.pages += 1;
-        }
+        let Queues { files, dropped, .. } = &mut *queues;
+        dropped.pages += push_first(files, FILES_MAX, (host, bytes));
         self.ring(queues);
     }
 
-    /// A question for a file; comes back if there is no room.
-    #[must_use]
-    pub fn ask_file(&self, ask: FileAsk<Q>) -> Option<FileAsk<Q>> {
+    /// A question for a file.
+    pub fn ask_file(&self, ask: FileAsk<Q>) {
         let mut queues = self.lock();
         let Queues { file_asks, dropped, .. } = &mut *queues;
-        let refused = push_first(file_asks, ask);
-        dropped.asks += u64::from(refused.is_some());
+        dropped.asks += push_first(file_asks, ASKS_MAX, ask);
         self.ring(queues);
-        refused
     }
 
     /// A frame or a map of the `place.0`th area that this host follows, from the host of this index.
@@ -286,13 +274,13 @@ fn push_newest<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> u64 {
     u64::from(full)
 }
 
-/// Puts a question at the end; it comes back if there is no room.
-fn push_first<T>(queue: &mut VecDeque<T>, question: T) -> Option<T> {
-    if queue.len() >= ASKS_MAX {
-        return Some(question);
+/// Puts a value at the end, unless there is no room. How many went.
+fn push_first<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> u64 {
+    let full = queue.len() >= max;
+    if !full {
+        queue.push_back(value);
     }
-    queue.push_back(question);
-    None
+    u64::from(full)
 }
 
 #[cfg(test)]
@@ -320,8 +308,7 @@ mod tests {
         let inbox = Inbox::new().unwrap();
         for n in 0..100u64 {
             inbox.page(0, vec![n as u8]);
-            let refused = inbox.ask(Ask { after: n, query: n });
-            assert_eq!(refused.map(|ask| ask.after), (n >= ASKS_MAX as u64).then_some(n));
+            inbox.ask(Ask { after: n, query: n });
             inbox.health(0, vec![n as u8]);
         }
         let arrived = inbox.take();

@@ -272,7 +272,7 @@ fn answer(session: &Session, key: String, inbox: &Arc<Inbox<Asker>>) -> Result<(
         .callback(move |query| {
             let after = query.parameters().get("after").and_then(|text| text.parse().ok());
             match after {
-                Some(after) => drop(inbox.ask(Ask { after, query: Asker(query) })),
+                Some(after) => inbox.ask(Ask { after, query: Asker(query) }),
                 None => inbox.not_understood(),
             }
         })

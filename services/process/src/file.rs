@@ -5,7 +5,7 @@ use rustix::fs::OFlags;
 use std::fs::{File, FileType, OpenOptions};
 use std::io::{self, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Opens a regular file for reading and says its length in bytes. Never waits.
 ///
@@ -57,6 +57,24 @@ fn demand_regular(found: FileType) -> io::Result<()> {
         return Ok(());
     }
     Err(unfit(format!("it is {}, expected a regular file", kind(found))))
+}
+
+/// A path with something behind its name.
+#[must_use]
+pub fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    name.into()
+}
+
+/// Keeps a damaged file as `<file>.damaged-<stamp>`; where it is now.
+///
+/// # Errors
+/// If it cannot be renamed.
+pub fn set_aside(path: &Path, stamp_ns: u64) -> io::Result<PathBuf> {
+    let aside = beside(path, &format!(".damaged-{stamp_ns}"));
+    std::fs::rename(path, &aside)?;
+    Ok(aside)
 }
 
 /// What lies there, in words: `a directory`.

@@ -416,6 +416,12 @@ pub fn find<'a>(report: &'a StatusReport, service: &str) -> &'a ServiceStatus {
     found.unwrap_or_else(|| panic!("there is no {service}"))
 }
 
+/// The text of a fault of a service, if it has that fault.
+pub fn fault(report: &StatusReport, service: &str, code: &str) -> Option<String> {
+    let mut faults = find(report, service).faults.iter();
+    faults.find(|fault| fault.code == code).map(|fault| fault.text.clone())
+}
+
 /// A counter of a service.
 pub fn count(service: &ServiceStatus, counter: &str) -> u64 {
     service.counters.get(counter).copied().unwrap_or(0)

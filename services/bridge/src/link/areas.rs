@@ -61,7 +61,7 @@ impl Sharing {
                     };
                     let area = area.clone();
                     let ask = FileAsk { area, file, offset, query: Asker(query) };
-                    drop(inbox.ask_file(ask));
+                    inbox.ask_file(ask);
                 })
                 .background()
                 .wait()

@@ -92,19 +92,21 @@ impl Bridge {
             + dropped.not_understood;
         let put_off = dropped.health + dropped.pages + dropped.asks;
         let [nonsense, flood] = &mut self.strange;
-        health.set_fault("messages_refused", nonsense.fault(refused, now_ns, |count| {
+        let fault = nonsense.fault(refused, now_ns, |count| {
             format!(
-                "{count} messages of other hosts were refused in the last minute or before: they broke a \
-                 bound, or were of nobody who is there; the log says more. A host with another version \
-                 or another site file, or one that lies"
+                "{count} messages of other hosts were refused in the last minute or before: they \
+                 broke a bound, or were of nobody who is there; the log says more. A host with \
+                 another version or another site file, or one that lies"
             )
-        }));
-        health.set_fault("flooded", flood.fault(put_off, now_ns, |count| {
+        });
+        health.set_fault("messages_refused", fault);
+        let fault = flood.fault(put_off, now_ns, |count| {
             format!(
                 "other hosts send faster than this one reads: {count} messages were put off. If it \
                  stays, look which host is beside itself (`tog status --site`) and restart it"
             )
-        }));
+        });
+        health.set_fault("flooded", fault);
         health.set_count("maps_dropped", dropped.maps);
         health.gauge("maps_wanted", self.maps.wanted() as f64);
         let lately = |last: &&(u64, String)| now_ns.saturating_sub(last.0) < MISROUTED_QUIET_NS;
