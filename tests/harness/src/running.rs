@@ -4,14 +4,19 @@ use super::{LOOK, WATCHDOG, kill};
 use rustix::process::Signal;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+
+/// How long to wait for the last lines of a process that has ended.
+const LAST_WORDS: Duration = Duration::from_secs(2);
 
 /// The lines that a process writes, as they come.
 #[derive(Default)]
 pub struct Lines {
     lines: Mutex<Vec<String>>,
     more: Condvar,
+    ended: AtomicBool,
 }
 
 impl Lines {
@@ -27,7 +32,17 @@ impl Lines {
                 lines.lock().push(line);
                 lines.more.notify_all();
             }
+            let _lines = lines.lock();
+            lines.ended.store(true, Ordering::Relaxed);
+            lines.more.notify_all();
         });
+    }
+
+    /// Waits until the last line is here, for [`LAST_WORDS`] at most: a process that was started by the
+    /// one that ended may still hold the pipe.
+    fn wait_end(&self) {
+        let goes_on = |_: &mut Vec<String>| !self.ended.load(Ordering::Relaxed);
+        drop(self.more.wait_timeout_while(self.lock(), LAST_WORDS, goes_on));
     }
 
     /// All of them.
@@ -111,11 +126,15 @@ impl Running {
         self.child.try_wait().unwrap()
     }
 
-    /// Waits for its end.
+    /// Waits for its end; unless a signal ended it, all that it wrote is here then.
     pub fn wait(&mut self) -> ExitStatus {
         let start = Instant::now();
         loop {
             if let Some(status) = self.try_wait() {
+                if status.code().is_some() {
+                    self.out.wait_end();
+                    self.log.wait_end();
+                }
                 return status;
             }
             assert!(start.elapsed() < WATCHDOG, "it never ends:\n{}", self.log.text());
