@@ -40,7 +40,7 @@ fn main() -> ExitCode {
         Verb::Check(arguments) => operate::check(&arguments),
         Verb::Schema => operate::schema(),
         Verb::Bridge(worker) => {
-            bridge::guard::listen();
+            bridge::prepare();
             serve("bridge", &worker, bridge::run)
         }
         Verb::Recorder(worker) => serve("recorder", &worker, recorder::run),

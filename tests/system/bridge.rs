@@ -340,40 +340,6 @@ fn a_host_whose_port_is_taken_watches_and_joins_when_it_is_free() {
     edge.stop();
 }
 
-/// Over TLS zenoh 1.10 may fall over it: README, "Known faults".
-#[test]
-fn a_host_that_asks_like_mad_is_told_and_nobody_falls_over() {
-    let toml = two_hosts();
-    let file = protocol::site::Site::parse(&toml, "t").unwrap_or_else(|e| panic!("{e}"));
-    let mut edge = start(&toml, "edge", &[]);
-    let mut desk = start(&toml, "desk", &[]);
-    desk.wait_until_frames_flow(5);
-    let session = stranger(&file.hosts[0].endpoint);
-    let log = topic::log_key("t", "edge");
-    for n in 0..if is_nightly() { 2_000_000 } else { 60_000 } {
-        let asked = session.get(if n % 64 == 0 { log.clone() } else { format!("{log}?after=0") });
-        let asked = asked.congestion_control(zenoh::qos::CongestionControl::Block);
-        asked.callback(|_| ()).wait().unwrap();
-    }
-    let text = edge.wait_until("the flood is told", |report| {
-        let bridge = find(report, "bridge");
-        let told = fault(report, "bridge", "flooded")?;
-        let counted = ["questions_put_off", "questions_refused"].map(|name| count(bridge, name));
-        counted.iter().all(|count| *count >= 100).then_some(told)
-    });
-    assert!(text.starts_with("other hosts send faster than this one reads"), "{text}");
-    drop(session);
-    let maps =
-        |report: &supervisor::StatusReport| count(find(report, "anomaly room"), "class_maps_in");
-    let before = maps(&desk.status().unwrap());
-    desk.wait_until("everything goes on", |report| (maps(report) > before + 5).then_some(()));
-    for site in [&mut edge, &mut desk] {
-        let restarts = site.status().unwrap().services.iter().map(|s| s.restarts).sum::<u64>();
-        assert_eq!(restarts, 0, "nobody fell over");
-        site.stop();
-    }
-}
-
 #[test]
 fn a_host_must_be_said_and_be_known() {
     let setup = Setup::new(&two_hosts());

@@ -3,7 +3,7 @@
 use super::bridge::{journal_of, of, wait_for_rows};
 use super::feed::{Desk, assert_whole};
 use certificates::{Files, Identity};
-use harness::{Scratch, Setup, Site, count, fault, find};
+use harness::{Scratch, Setup, Site, count, fault, find, is_nightly};
 use protocol::codec::encode;
 use protocol::event::{EventChange, EventState};
 use protocol::health::Health;
@@ -15,6 +15,7 @@ use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -238,6 +239,54 @@ fn whoever_knocks_without_end_keeps_nobody_out() {
     println!("{}", edge.wait_until("the strangers are told", alarm));
     desk.stop();
     edge.stop();
+}
+
+/// Somebody who stole the certificate of the desk asks the journal of the edge as fast as it can, so that
+/// the link is busy both ways: zenoh alone does not survive that over TLS.
+#[test]
+fn a_host_that_asks_like_mad_is_told_and_nobody_falls_over() {
+    let building = building();
+    let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
+    let flows = |report: &supervisor::StatusReport, least: u64| {
+        (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
+    };
+    desk.wait_until("scans through TLS", |report| flows(report, 5));
+    // It speaks the same TLS, so it takes the same care, and has a process of its own to take it in.
+    let asked = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "system::intruder::the_one_who_asks_like_mad", "--ignored"])
+        .env("TOG_TEST_ASKS", format!("tls/127.0.0.1:{}", building.ports[0]))
+        .env("TOG_TEST_TLS", building.scratch.0.join("tls"))
+        .env("ZENOH_RUNTIME", "(rx: (handover: tx))")
+        .output()
+        .unwrap();
+    assert!(asked.status.success(), "{}", String::from_utf8_lossy(&asked.stdout));
+    wait_for_count(&mut edge, "questions_put_off", 1000);
+    wait_for_count(&mut edge, "questions_refused", 100);
+    let text = edge.wait_until("the flood is told", |report| fault(report, "bridge", "flooded"));
+    assert!(text.starts_with("other hosts send faster than this one reads"), "{text}");
+    let before = count(find(&desk.status().unwrap(), "anomaly room"), "class_maps_in");
+    desk.wait_until("everything goes on", |report| flows(report, before + 5));
+    for site in [&mut edge, &mut desk] {
+        let restarts = site.status().unwrap().services.iter().map(|s| s.restarts).sum::<u64>();
+        assert_eq!(restarts, 0, "nobody fell over");
+    }
+    desk.stop();
+    edge.stop();
+}
+
+#[test]
+#[ignore = "the process that another test starts"]
+fn the_one_who_asks_like_mad() {
+    let endpoint = std::env::var("TOG_TEST_ASKS").expect("started by another test");
+    let tls = std::path::PathBuf::from(std::env::var_os("TOG_TEST_TLS").unwrap());
+    let files = Files::of(&tls, "desk");
+    let session = dial(&endpoint, &tls.join("site-ca.pem"), Some(&files)).expect("a desk");
+    let log = topic::log_key("t", "edge");
+    for n in 0..if is_nightly() { 2_000_000 } else { 60_000 } {
+        let asked = session.get(if n % 64 == 0 { log.clone() } else { format!("{log}?after=0") });
+        let asked = asked.congestion_control(CongestionControl::Block).callback(|_| ()).wait();
+        asked.expect("nobody throws it out");
+    }
 }
 
 /// Who has no certificate, or not the right one. How many connections there were at least.

@@ -75,7 +75,8 @@ pub(super) fn plan(site: &Site) -> serde_json::Value {
 
 /// `room` runs on the desk, its four lasers at 75 Hz on `east` and `west`; `hall` on `east`, with a
 /// laser of its own, so that there is something to tell.
-fn building(transport: &str, lan: Lan) -> Building {
+/// With `busy` lasers on `east` that the desk fuses.
+fn building(transport: &str, lan: Lan, busy: usize) -> Building {
     let certificates = certificates_of(&HOSTS, &lan);
     let more = |host: &str| match host {
         "desk" => "desk = true\n",
@@ -92,13 +93,13 @@ fn building(transport: &str, lan: Lan) -> Building {
     }
     let places = ["x_m = 4.6\ny_m = 0.2\nyaw_deg = 90", "x_m = 5.2\ny_m = 8.8\nyaw_deg = -90"];
     let lasers = [
-        ("e1", "east", "room", 0, 75.0),
-        ("e2", "east", "room", 1, 75.0),
         ("w1", "west", "room", 0, 75.0),
         ("w2", "west", "room", 1, 75.0),
         ("south", "east", "hall", 0, 10.0),
     ];
-    for (id, host, area, place, rate_hz) in lasers {
+    let busy: Vec<String> = (1..=busy).map(|n| format!("e{n}")).collect();
+    let busy = busy.iter().enumerate().map(|(n, id)| (id.as_str(), "east", "room", n % 2, 75.0));
+    for (id, host, area, place, rate_hz) in busy.chain(lasers) {
         let place = places[place];
         let _ = write!(
             toml,
@@ -186,12 +187,12 @@ fn links_that_are_cut_lose_no_event_and_come_back() {
     } else {
         vec![1, 4, 2, 3]
     };
-    cut_links(building("tls", Lan::new(&HOSTS)), &cuts_s);
+    cut_links(building("tls", Lan::new(&HOSTS), 2), &cuts_s);
 }
 
 #[test]
 fn links_on_loopback_that_are_cut_lose_no_event_and_come_back() {
-    cut_links(building("tls", Lan::on_loopback(&HOSTS)), &[1, 4]);
+    cut_links(building("tls", Lan::on_loopback(&HOSTS), 2), &[1, 4]);
 }
 
 /// Cuts a link for so long each time, at a random moment while something happens, and heals it.
@@ -246,9 +247,43 @@ fn cut_links(mut building: Building, cuts_s: &[u64]) {
     building.stop();
 }
 
+/// Bytes that wait in each established connection of the network of a process (`man 5 proc`, `net/tcp`).
+fn waiting_bytes(pid: u32) -> Vec<u64> {
+    let table = std::fs::read_to_string(format!("/proc/{pid}/net/tcp")).unwrap();
+    let established = |line: &str| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        let queue = fields[4].split(':').next().unwrap();
+        (fields[3] == "01").then(|| u64::from_str_radix(queue, 16).unwrap())
+    };
+    table.lines().skip(1).filter_map(established).collect()
+}
+
+/// zenoh gives a TLS link up once all of it is written, and dials again only then.
+#[test]
+fn a_link_that_is_full_when_it_is_cut_is_given_up_before_it_is_healed() {
+    let mut building = building("tls", Lan::new(&HOSTS), 10);
+    if building.lan.bytes("east").is_none() {
+        return println!("skipped: what is cut on loopback is acknowledged all the same");
+    }
+    building.desk.wait_until_frames_flow(5);
+    let bridge = building.east.pid_of("bridge");
+    building.lan.cut("east");
+    let mut most = 0;
+    building.east.wait_until("the end of all connections", |_| {
+        let waiting = waiting_bytes(bridge);
+        most = most.max(waiting.iter().copied().max().unwrap_or(0));
+        waiting.is_empty().then_some(())
+    });
+    assert!(most > 200_000, "the buffer was full: {most} bytes");
+    let mut ears = Ears::open(&building.desk);
+    building.lan.heal("east");
+    println!("a link that was full: the next scan after {} ms", ears.until_heard().as_millis());
+    building.stop();
+}
+
 #[test]
 fn four_lasers_at_75_hz_reach_the_host_of_their_area() {
-    let mut building = building("plain-tcp", Lan::new(&HOSTS));
+    let mut building = building("plain-tcp", Lan::new(&HOSTS), 2);
     building.desk.wait_until_frames_flow(5);
     let plan = plan(&building.desk);
     let processes = building.processes();

@@ -153,16 +153,19 @@ impl<Q> Inbox<Q> {
     pub fn page(&self, host: usize, bytes: Vec<u8>) {
         let mut queues = self.lock();
         let Queues { pages, dropped, .. } = &mut *queues;
-        dropped.pages += push_first(pages, PAGES_MAX, (host, bytes));
+        dropped.pages += u64::from(push_first(pages, PAGES_MAX, (host, bytes)).is_some());
         self.ring(queues);
     }
 
-    /// A question to the own journal.
-    pub fn ask(&self, ask: Ask<Q>) {
+    /// A question to the own journal; comes back if there is no room.
+    #[must_use]
+    pub fn ask(&self, ask: Ask<Q>) -> Option<Ask<Q>> {
         let mut queues = self.lock();
         let Queues { asks, dropped, .. } = &mut *queues;
-        dropped.asks += push_first(asks, ASKS_MAX, ask);
+        let refused = push_first(asks, ASKS_MAX, ask);
+        dropped.asks += u64::from(refused.is_some());
         self.ring(queues);
+        refused
     }
 
     /// The token of a host came, or went.
@@ -183,16 +186,19 @@ impl<Q> Inbox<Q> {
     pub fn file(&self, host: usize, bytes: Vec<u8>) {
         let mut queues = self.lock();
         let Queues { files, dropped, .. } = &mut *queues;
-        dropped.pages += push_first(files, FILES_MAX, (host, bytes));
+        dropped.pages += u64::from(push_first(files, FILES_MAX, (host, bytes)).is_some());
         self.ring(queues);
     }
 
-    /// A question for a file.
-    pub fn ask_file(&self, ask: FileAsk<Q>) {
+    /// A question for a file; comes back if there is no room.
+    #[must_use]
+    pub fn ask_file(&self, ask: FileAsk<Q>) -> Option<FileAsk<Q>> {
         let mut queues = self.lock();
         let Queues { file_asks, dropped, .. } = &mut *queues;
-        dropped.asks += push_first(file_asks, ASKS_MAX, ask);
+        let refused = push_first(file_asks, ASKS_MAX, ask);
+        dropped.asks += u64::from(refused.is_some());
         self.ring(queues);
+        refused
     }
 
     /// A frame or a map of the `place.0`th area that this host follows, from the host of this index.
@@ -274,13 +280,13 @@ fn push_newest<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> u64 {
     u64::from(full)
 }
 
-/// Puts a value at the end, unless there is no room. How many went.
-fn push_first<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> u64 {
-    let full = queue.len() >= max;
-    if !full {
-        queue.push_back(value);
+/// Puts a value at the end; it comes back if there is no room.
+fn push_first<T>(queue: &mut VecDeque<T>, max: usize, value: T) -> Option<T> {
+    if queue.len() >= max {
+        return Some(value);
     }
-    u64::from(full)
+    queue.push_back(value);
+    None
 }
 
 #[cfg(test)]
@@ -308,7 +314,7 @@ mod tests {
         let inbox = Inbox::new().unwrap();
         for n in 0..100u64 {
             inbox.page(0, vec![n as u8]);
-            inbox.ask(Ask { after: n, query: n });
+            assert_eq!(inbox.ask(Ask { after: n, query: n }).is_some(), n >= ASKS_MAX as u64);
             inbox.health(0, vec![n as u8]);
         }
         let arrived = inbox.take();

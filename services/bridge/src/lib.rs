@@ -62,3 +62,10 @@ mod scans;
 mod teller;
 
 pub use run::run;
+
+/// Makes this process fit to be a bridge. Call it before anything else: there must be no other thread
+/// yet, and no log.
+pub fn prepare() {
+    link::read_and_write_on_one_thread();
+    guard::listen();
+}

@@ -15,6 +15,7 @@
 mod areas;
 mod maps;
 mod scans;
+pub(crate) mod sockets;
 
 use crate::access;
 use crate::inbox::{Ask, Inbox};
@@ -39,9 +40,10 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
 use zenoh::sample::Sample;
 
-/// What zenoh's links read when they are compiled is in a file that cargo reads only there.
+/// What zenoh's links read when they are compiled is in a file that cargo reads only there. Without it the
+/// thread that reads and writes all links would wait ten seconds for each one that was cut.
 const _: () = assert!(
-    option_env!("TLS_ACCEPT_THROTTLE_TIME").is_some(),
+    option_env!("TLS_LINGER_TIMEOUT").is_some() && option_env!("TCP_LINGER_TIMEOUT").is_some(),
     "run cargo in the directory of the repository: its .cargo/config.toml says how zenoh is compiled"
 );
 
@@ -164,6 +166,19 @@ impl Link {
     }
 }
 
+/// Makes zenoh read the network on the thread that writes to it.
+///
+/// zenoh 1.10.2 reads and writes a TLS connection on two threads at once, which rustls does not bear: a
+/// link that is busy both ways ends in a SIGSEGV (`zenoh-link-tls/src/unicast.rs`, its issue 2557). On one
+/// thread they take turns. The price: what is done in a callback of zenoh must not wait for room to
+/// write, for nobody makes it. Ours wait for nothing, but see [`answer`].
+///
+/// Call it while the process has one thread, and before the first use of zenoh, which reads this once.
+pub(crate) fn read_and_write_on_one_thread() {
+    // SAFETY: the environment is changed while nobody else can read it: the caller has one thread.
+    unsafe { std::env::set_var("ZENOH_RUNTIME", "(rx: (handover: tx), tx: (worker_threads: 1))") };
+}
+
 /// Opens the session of host `me`: listens, and dials those before it in the background, for ever. A
 /// client dials, and waits until somebody answers. `files` are read where the hosts use TLS.
 ///
@@ -272,13 +287,25 @@ fn answer(session: &Session, key: String, inbox: &Arc<Inbox<Asker>>) -> Result<(
         .callback(move |query| {
             let after = query.parameters().get("after").and_then(|text| text.parse().ok());
             match after {
-                Some(after) => inbox.ask(Ask { after, query: Asker(query) }),
-                None => inbox.not_understood(),
+                Some(after) => {
+                    let refused = inbox.ask(Ask { after, query: Asker(query) });
+                    refused.into_iter().for_each(end_unanswered);
+                }
+                None => {
+                    inbox.not_understood();
+                    end_unanswered(query);
+                }
             }
         })
         .background()
         .wait()
         .map_err(|error| error.to_string())
+}
+
+/// A question without an answer ends with a message to who asked, which may wait for room: meanwhile
+/// another thread writes.
+fn end_unanswered<T>(question: T) {
+    tokio::task::block_in_place(|| drop(question));
 }
 
 /// Bytes that wait in the kernel, each way: what is there nothing more urgent can overtake.

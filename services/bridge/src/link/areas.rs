@@ -1,7 +1,9 @@
 //! What two hosts that may run an area say to each other: that they are there, what they claim, and the
 //! files that the one copies of the other.
 
-use super::{Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, publisher, receive, take};
+use super::{
+    Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, end_unanswered, publisher, receive, take,
+};
 use crate::inbox::{FileAsk, Inbox};
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::{AreaFile, FILE_PAGE_BYTES_MAX, FilePage};
@@ -57,11 +59,12 @@ impl Sharing {
                 .declare_queryable(topic::replica_key(&site.name, &me.id, &area))
                 .callback(move |query| {
                     let Some((file, offset)) = part(&query) else {
-                        return inbox.not_understood();
+                        inbox.not_understood();
+                        return end_unanswered(query);
                     };
                     let area = area.clone();
                     let ask = FileAsk { area, file, offset, query: Asker(query) };
-                    inbox.ask_file(ask);
+                    inbox.ask_file(ask).into_iter().for_each(end_unanswered);
                 })
                 .background()
                 .wait()

@@ -4,6 +4,7 @@ use super::Bridge;
 use crate::agreement::GAUGE;
 use crate::follower::Replaced;
 use crate::guard;
+use crate::link::sockets;
 use crate::remote::RemoteHost;
 use process::{Worker, monotonic_ns, wall_ns};
 use protocol::time::SECOND_NS;
@@ -52,6 +53,7 @@ impl Bridge {
             return;
         }
         self.looked_ns = now_ns;
+        sockets::end_when_not_acknowledged();
         let scans = self.count_scans();
         let misrouted = self.counters.misrouted.count + scans.misrouted;
         let health = &mut worker.health;
