@@ -3,6 +3,7 @@
 use crate::ports::Ipc;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::FileDescriptorBased;
+use rustix::net::{RecvFlags, recv};
 use std::os::fd::BorrowedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -95,18 +96,29 @@ impl Doorbell {
         self.turn.take_unfinished()
     }
 
-    pub(crate) fn empty(&self) {
-        // An interrupted or failed drain leaves the descriptor readable: the next wait tries again.
-        let _ = self.listener.try_wait(|activation| {
+    /// Silences it; true if somebody had rung. To be called now and then even if nobody seems to ring.
+    ///
+    /// Both for the sake of iceoryx2 0.10.0 (iceoryx2-cal, `event`). Its listener takes one byte only, though
+    /// several ports may ring at once; what is left wakes a loop for nothing, and when as many bytes
+    /// wait as the system allows nobody can ring any more, so that a task, which hears of new bytes
+    /// only, sleeps for ever. And it takes the mark "somebody rang" away before it takes the byte: who
+    /// rings in between sets the mark again, his byte is swallowed, and because of the mark nobody
+    /// writes another one.
+    pub(crate) fn empty(&self) -> bool {
+        let mut bytes = [0u8; 8];
+        while recv(self.descriptor(), &mut bytes, RecvFlags::DONTWAIT).is_ok() {}
+        let rang = self.listener.try_wait(|activation| {
             if activation.id.as_value() == EVENT_HELLO {
                 self.hello.store(true, Ordering::Relaxed);
             }
         });
+        // An interrupted or failed drain is made up for by the next one.
+        rang.is_ok_and(|events| events > 0)
     }
 
     pub(crate) fn descriptor(&self) -> BorrowedFd<'_> {
-        // SAFETY: the descriptor is open as long as the listener lives, which `self` borrows; it is
-        // only registered in epoll, never closed or read through this handle.
+        // SAFETY: the descriptor is open as long as the listener lives, which `self` borrows; it is never
+        // closed through this handle.
         unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
     }
 }

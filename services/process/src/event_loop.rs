@@ -186,6 +186,9 @@ impl EventLoop {
         wake.stop = inner.stop.get();
         inner.stop_told.set(wake.stop);
         wake.deadline = due(monotonic_ns());
+        if wake.deadline && !wake.data {
+            wake.data = self.hear_what_was_missed();
+        }
         wake.descriptors = !inner.ready.borrow().is_empty();
         Ok(wake)
     }
@@ -219,6 +222,16 @@ impl EventLoop {
                 Some(Slot::Free) | None => {}
             },
         }
+    }
+
+    /// A doorbell that fell silent rings again: see [`Doorbell::empty`]. True if one had been rung.
+    fn hear_what_was_missed(&self) -> bool {
+        let slots = self.inner.slots.borrow();
+        let doorbells = slots.iter().filter_map(|slot| match slot {
+            Slot::Doorbell(doorbell) => doorbell.upgrade(),
+            _ => None,
+        });
+        doorbells.filter(|doorbell| doorbell.empty()).count() > 0
     }
 
     fn arm(&self, deadline_mono_ns: Option<u64>) -> io::Result<()> {

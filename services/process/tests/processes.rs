@@ -203,6 +203,33 @@ fn a_flood_does_not_keep_a_reader_from_its_signals() {
     sender.signal(rustix::process::Signal::KILL); // it never waits: nothing holds it up
 }
 
+/// What iceoryx2 0.10.0 does to itself now and then: `services/process/src/doorbell.rs`.
+#[test]
+fn a_ring_that_went_unheard_is_made_up_for() {
+    let domain = domain("real_time");
+    let deaf = start_up(&["swallow"], &domain);
+    let _sender = start_up(&["send", "2", "0"], &domain);
+    assert_eq!(deaf.line(), "swallowed");
+    assert!(number(&deaf.line(), "received") >= 1);
+    assert_eq!(deaf.exit_code(), Some(0));
+}
+
+#[test]
+fn a_bell_that_many_rang_at_once_is_silent_afterwards() {
+    let domain = domain("real_time");
+    let mut probe = start_up(&["stuffed"], &domain);
+    let ringer = std::os::unix::net::UnixDatagram::unbound().unwrap();
+    let bells = std::fs::read_dir(domain.run_dir.join("x")).unwrap();
+    let bells = bells.map(|entry| entry.unwrap().path());
+    for bell in bells.filter(|path| path.extension().is_some_and(|name| name == "event")) {
+        for _ in 0..5 {
+            ringer.send_to(&[0], &bell).unwrap();
+        }
+    }
+    drop(probe.stdin.take());
+    assert_eq!(probe.line(), "rang true then false");
+}
+
 #[test]
 fn a_waiting_process_sleeps() {
     let domain = domain("real_time");

@@ -12,8 +12,14 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
+use tokio::time::timeout;
+
+/// After so long without a ring it is looked whether one went unheard, which happens to iceoryx2:
+/// `services/process/src/doorbell.rs`.
+const UNHEARD: Duration = Duration::from_millis(100);
 
 /// The scans of an area that go from here.
 #[derive(Debug)]
@@ -77,7 +83,9 @@ impl Outgoing {
         while self.with_scans(Subscriber::begin_turn).is_some() {
             self.send_all(lasers).await?;
             if self.with_scans(Subscriber::take_unfinished) == Some(false) {
-                bell.readable().await.map_err(broken)?.clear_ready();
+                if let Ok(ready) = timeout(UNHEARD, bell.readable()).await {
+                    ready.map_err(broken)?.clear_ready();
+                }
                 // First the scan, then the bell: what rings meanwhile is seen in the next turn.
                 self.send_all(lasers).await?;
             }

@@ -7,6 +7,8 @@
 //! | `send` | publishes COUNT scans, every PERIOD_US (0: as fast as possible) |
 //! | `receive` | takes scans until the end of the stream; prints counts and latencies |
 //! | `hold` | opens a subscriber and takes nothing until stdin closes, then all |
+//! | `swallow` | takes the first ring out of its bell without looking, then waits for what was rung for |
+//! | `stuffed` | opens a bell; once stdin closes, silences it and says whether it is silent |
 //! | `idle` | waits for COUNT beats of its health, prints the CPU time used meanwhile |
 
 use process::clock::process_cpu_ns;
@@ -16,7 +18,11 @@ use protocol::scan::ScanHeader;
 use protocol::site::Site;
 use protocol::topic;
 use protocol::wire::FLAG_END_OF_STREAM;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::net::{RecvFlags, recv};
+use rustix::time::Timespec;
 use std::io::Write;
+use std::os::fd::BorrowedFd;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -33,6 +39,8 @@ fn main() -> ExitCode {
         }),
         "receive" => process::run(area(), run_dir, receive),
         "hold" => process::run(area(), run_dir, hold),
+        "swallow" => process::run(area(), run_dir, swallow),
+        "stuffed" => process::run(area(), run_dir, stuffed),
         "idle" => process::run(area(), run_dir, |worker| idle(worker, count)),
         other => {
             say(&format!("unknown role {other:?}"));
@@ -178,6 +186,46 @@ fn hold(worker: &mut Worker) -> Result<(), Failure> {
     }
     let losses = scans.losses();
     say(&format!("received {} lost {} first {first:?}", losses.received, losses.lost));
+    Ok(())
+}
+
+fn is_readable(fd: BorrowedFd<'_>, patience: Option<&Timespec>) -> bool {
+    let mut fds = [PollFd::from_borrowed_fd(fd, PollFlags::IN)];
+    matches!(poll(&mut fds, patience), Ok(1..))
+}
+
+fn swallow(worker: &mut Worker) -> Result<(), Failure> {
+    let mut scans = worker.bus.subscriber(&topic::scan("a"))?;
+    say("up");
+    while !is_readable(scans.descriptor(), None) {}
+    let _ = recv(scans.descriptor(), &mut [0u8; 8], RecvFlags::DONTWAIT);
+    say("swallowed");
+    let mut received = 0;
+    loop {
+        let wake = worker.wait(None)?; // its health is due once a second
+        if wake.stop {
+            return Ok(());
+        }
+        while wake.data && scans.receive()?.is_some() {
+            received += 1;
+        }
+        if received > 0 {
+            say(&format!("received {received}"));
+            return Ok(());
+        }
+    }
+}
+
+fn stuffed(worker: &mut Worker) -> Result<(), Failure> {
+    let scans = worker.bus.subscriber_of_task(&topic::scan("a"))?;
+    let stdin = std::io::stdin();
+    worker.events.watch(&stdin, Interest::Read)?;
+    say("up");
+    while !worker.wait(None)?.descriptors {}
+    let zero = Timespec { tv_sec: 0, tv_nsec: 0 };
+    let before = is_readable(scans.descriptor(), Some(&zero));
+    scans.begin_turn();
+    say(&format!("rang {before} then {}", is_readable(scans.descriptor(), Some(&zero))));
     Ok(())
 }
 
