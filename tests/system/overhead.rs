@@ -12,6 +12,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::path::Path;
+use std::process::{Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -88,31 +89,31 @@ fn both_ways() -> (Vec<f64>, Vec<f64>, Vec<f64>) {
     (plain, handed_on, taken)
 }
 
-fn session(listens: u16, dials: Option<u16>) -> zenoh::Session {
-    let endpoint = |port: u16| format!("tcp/127.0.0.1:{port}");
+fn session(key: &str, port: u16) -> zenoh::Session {
     let config = json!({
         "mode": "peer",
-        "listen": { "endpoints": [endpoint(listens)] },
-        "connect": { "endpoints": dials.map(endpoint).into_iter().collect::<Vec<_>>() },
+        key: { "endpoints": [format!("tcp/127.0.0.1:{port}")] },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
     });
     zenoh::open(zenoh::Config::from_json5(&config.to_string()).unwrap()).wait().unwrap()
 }
 
-/// Microseconds from put to callback, of messages as long as those of the bridges.
+const KEY: &str = "tog/t/edge/scan/north";
+
+/// Microseconds from put to callback in another process, of messages as long as those of the bridges.
 fn through_zenoh() -> Vec<f64> {
-    let listeners = [0, 1].map(|_| TcpListener::bind("127.0.0.1:0").unwrap());
-    let [one, two] = listeners.map(|listener| listener.local_addr().unwrap().port());
-    let (there, here) = (session(one, None), session(two, Some(one)));
-    let (tell, told) = mpsc::channel();
-    let subscriber = there.declare_subscriber("tog/t/edge/scan/north").callback(move |sample| {
-        let bytes = sample.payload().to_bytes();
-        let sent_ns = u64::from_le_bytes(bytes[bytes.len() - 8..].try_into().unwrap());
-        let _ = tell.send((monotonic_ns() - sent_ns) as f64 / 1e3);
-    });
-    let _subscriber = subscriber.wait().unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    drop(listener);
+    let there = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "system::overhead::the_one_who_listens", "--ignored", "--nocapture"])
+        .env("TOG_TEST_LISTENS", port.to_string())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let here = session("connect", port);
     let publisher = here
-        .declare_publisher("tog/t/edge/scan/north")
+        .declare_publisher(KEY)
         .congestion_control(CongestionControl::Drop)
         .priority(Priority::Data)
         .express(true)
@@ -133,16 +134,35 @@ fn through_zenoh() -> Vec<f64> {
     let scan = LaserScan { stamp_ns: 1 << 60, device_stamp_ns: 0, geometry, ranges_m };
     let (laser, session, seq) = ("north".to_owned(), 1 << 60, 1 << 20);
     let message = encode(&CarriedScan { laser, session, seq, scan: Some(scan) }).unwrap();
-    let mut us = Vec::new();
     for _ in 0..scans() {
         std::thread::sleep(Duration::from_nanos(1_000_000_000 / RATE_HZ));
         let mut bytes = message.clone();
         let end = bytes.len() - 8;
         bytes[end..].copy_from_slice(&monotonic_ns().to_le_bytes());
         publisher.put(bytes).wait().unwrap();
-        us.push(told.recv_timeout(WATCHDOG).unwrap());
     }
-    us
+    let there = there.wait_with_output().unwrap();
+    let text = String::from_utf8(there.stdout).unwrap();
+    assert!(there.status.success(), "{text}");
+    text.lines().filter_map(|line| line.strip_prefix("us ")?.parse().ok()).collect()
+}
+
+#[test]
+#[ignore = "the process that another test starts"]
+fn the_one_who_listens() {
+    let port = std::env::var("TOG_TEST_LISTENS").expect("started by another test");
+    let here = session("listen", port.parse().unwrap());
+    let (tell, told) = mpsc::channel();
+    let subscriber = here.declare_subscriber(KEY).callback(move |sample| {
+        let now_ns = monotonic_ns();
+        let bytes = sample.payload().to_bytes();
+        let sent_ns = u64::from_le_bytes(bytes[bytes.len() - 8..].try_into().unwrap());
+        let _ = tell.send((now_ns - sent_ns) as f64 / 1e3);
+    });
+    let _subscriber = subscriber.wait().unwrap();
+    for _ in 0..scans() {
+        println!("us {}", told.recv_timeout(WATCHDOG).unwrap());
+    }
 }
 
 fn percentiles(mut us: Vec<f64>) -> (f64, f64) {

@@ -14,6 +14,7 @@
 
 mod areas;
 mod maps;
+mod refused;
 mod scans;
 pub(crate) mod sockets;
 
@@ -27,6 +28,7 @@ use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::PAGE_BYTES_MAX;
 use protocol::site::{Area, Host, Site, Transport};
 use protocol::topic;
+use refused::Refuser;
 pub use scans::{ScanPublishers, Stream, spawn_beside_the_writer};
 use serde_json::json;
 use std::borrow::Cow;
@@ -98,10 +100,11 @@ impl Link {
                 receive(&session, key, MESSAGE_BYTES_MAX, inbox, move |i, b| i.page(index, b))?;
             }
         }
-        answer(&session, topic::log_key(&site.name, &me.id), inbox)?;
+        let refuser = Refuser::start().map_err(|error| error.to_string())?;
+        answer(&session, topic::log_key(&site.name, &me.id), inbox, &refuser)?;
         let publisher = |key, priority| publisher(&session, key, priority, true);
         let sharing = (!areas.is_empty())
-            .then(|| Sharing::declare(&session, site, me, &partners(site, me), areas, inbox));
+            .then(|| Sharing::declare(&session, site, me, areas, inbox, &refuser));
         let mut link = Self {
             streams,
             listening: BTreeMap::new(),
@@ -171,12 +174,19 @@ impl Link {
 /// zenoh 1.10.2 reads and writes a TLS connection on two threads at once, which rustls does not bear: a
 /// link that is busy both ways ends in a SIGSEGV (`zenoh-link-tls/src/unicast.rs`, its issue 2557). On one
 /// thread they take turns. The price: what is done in a callback of zenoh must not wait for room to
-/// write, for nobody makes it. Ours wait for nothing, but see [`answer`].
+/// write, for nobody makes it; ours do not, see [`refused`]. Connections that we dialled, which belong to
+/// `net`, are waited for on that thread as well: one wake less on the way of a scan. Those that came in
+/// are not: strangers would shake hands on the thread of the scans.
 ///
 /// Call it while the process has one thread, and before the first use of zenoh, which reads this once.
 pub(crate) fn read_and_write_on_one_thread() {
     // SAFETY: the environment is changed while nobody else can read it: the caller has one thread.
-    unsafe { std::env::set_var("ZENOH_RUNTIME", "(rx: (handover: tx), tx: (worker_threads: 1))") };
+    unsafe {
+        std::env::set_var(
+            "ZENOH_RUNTIME",
+            "(rx: (handover: tx), net: (handover: tx), tx: (worker_threads: 1))",
+        )
+    };
 }
 
 /// Opens the session of host `me`: listens, and dials those before it in the background, for ever. A
@@ -280,32 +290,32 @@ fn fitting<'s>(
 }
 
 /// Lets others ask the journal of this host.
-fn answer(session: &Session, key: String, inbox: &Arc<Inbox<Asker>>) -> Result<(), String> {
-    let inbox = Arc::clone(inbox);
+fn answer(
+    session: &Session,
+    key: String,
+    inbox: &Arc<Inbox<Asker>>,
+    refuser: &Refuser,
+) -> Result<(), String> {
+    let (inbox, refuser) = (Arc::clone(inbox), refuser.clone());
     session
         .declare_queryable(key)
         .callback(move |query| {
             let after = query.parameters().get("after").and_then(|text| text.parse().ok());
             match after {
                 Some(after) => {
-                    let refused = inbox.ask(Ask { after, query: Asker(query) });
-                    refused.into_iter().for_each(end_unanswered);
+                    if let Some(refused) = inbox.ask(Ask { after, query: Asker(query) }) {
+                        refuser.end(refused.query);
+                    }
                 }
                 None => {
                     inbox.not_understood();
-                    end_unanswered(query);
+                    refuser.end(Asker(query));
                 }
             }
         })
         .background()
         .wait()
         .map_err(|error| error.to_string())
-}
-
-/// A question without an answer ends with a message to who asked, which may wait for room: meanwhile
-/// another thread writes.
-fn end_unanswered<T>(question: T) {
-    tokio::task::block_in_place(|| drop(question));
 }
 
 /// Bytes that wait in the kernel, each way: what is there nothing more urgent can overtake.

@@ -1,9 +1,8 @@
 //! What two hosts that may run an area say to each other: that they are there, what they claim, and the
 //! files that the one copies of the other.
 
-use super::{
-    Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, end_unanswered, publisher, receive, take,
-};
+use super::refused::Refuser;
+use super::{Asker, Link, MESSAGE_BYTES_MAX, QUERY_TIMEOUT, partners, publisher, receive, take};
 use crate::inbox::{FileAsk, Inbox};
 use protocol::codec::ENVELOPE_BYTES;
 use protocol::link::{AreaFile, FILE_PAGE_BYTES_MAX, FilePage};
@@ -29,17 +28,17 @@ pub(super) struct Sharing {
 }
 
 impl Sharing {
-    /// Declares what `me` says, and listens to `others` (their indices in the site).
+    /// Declares what `me` says, and listens to those that may run an area of this host.
     pub(super) fn declare(
         session: &zenoh::Session,
         site: &Site,
         me: &Host,
-        others: &[usize],
         areas: &[String],
         inbox: &Arc<Inbox<Asker>>,
+        refuser: &Refuser,
     ) -> Result<Self, String> {
         let failed = |error: zenoh::Error| error.to_string();
-        for &index in others {
+        for index in partners(site, me) {
             let host = &site.hosts[index].id;
             let key = topic::claim_key(&site.name, host);
             receive(session, key, MESSAGE_BYTES_MAX, inbox, move |i, b| i.claims(index, b))?;
@@ -54,17 +53,19 @@ impl Sharing {
                 .map_err(failed)?;
         }
         for area in areas {
-            let (inbox, area) = (Arc::clone(inbox), area.clone());
+            let (inbox, area, refuser) = (Arc::clone(inbox), area.clone(), refuser.clone());
             session
                 .declare_queryable(topic::replica_key(&site.name, &me.id, &area))
                 .callback(move |query| {
                     let Some((file, offset)) = part(&query) else {
                         inbox.not_understood();
-                        return end_unanswered(query);
+                        return refuser.end(Asker(query));
                     };
                     let area = area.clone();
                     let ask = FileAsk { area, file, offset, query: Asker(query) };
-                    inbox.ask_file(ask).into_iter().for_each(end_unanswered);
+                    if let Some(refused) = inbox.ask_file(ask) {
+                        refuser.end(refused.query);
+                    }
                 })
                 .background()
                 .wait()
