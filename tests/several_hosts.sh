@@ -33,6 +33,7 @@ row() { # row WHAT PATTERN: the lines of the log that match, without the name of
     return 0
 }
 row "cut links" '^.*[0-9]+ cuts, '
+row "a link that was full when it was cut" 'a link that was full: '
 row "four lasers at 75 Hz" 'scans in [0-9.]+ s, '
 row "bytes a second, measured and planned" 'B/s of [0-9]+ planned'
 row "bridges" '^  bridge: '

@@ -28,7 +28,7 @@
 //!
 //! | question | where |
 //! |---|---|
-//! | what does zenoh do for us, with which settings | `link` |
+//! | what does zenoh do for us, with which settings, and what we do for its connections | `link` |
 //! | what does the process do, in which order | `run` |
 //! | how do scans get from shared memory into the network and back | `scans` |
 //! | which links are there, who relays for whom | `Host::has_link_to`, `link` |
