@@ -15,7 +15,6 @@ use std::collections::VecDeque;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
-use std::process::Command;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -252,8 +251,7 @@ fn a_host_that_asks_like_mad_is_told_and_nobody_falls_over() {
     };
     desk.wait_until("scans through TLS", |report| flows(report, 5));
     // It speaks the same TLS, so it takes the same care, and has a process of its own to take it in.
-    let asked = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "system::intruder::the_one_who_asks_like_mad", "--ignored"])
+    let asked = super::process_of("intruder::the_one_who_asks_like_mad")
         .env("TOG_TEST_ASKS", format!("tls/127.0.0.1:{}", building.ports[0]))
         .env("TOG_TEST_TLS", building.scratch.0.join("tls"))
         .env("ZENOH_RUNTIME", "(rx: (handover: tx))")

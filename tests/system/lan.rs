@@ -73,9 +73,8 @@ pub(super) fn plan(site: &Site) -> serde_json::Value {
     serde_json::from_slice(&plan.stdout).unwrap()
 }
 
-/// `room` runs on the desk, its four lasers at 75 Hz on `east` and `west`; `hall` on `east`, with a
-/// laser of its own, so that there is something to tell.
-/// With `busy` lasers on `east` that the desk fuses.
+/// `room` runs on the desk, its lasers at 75 Hz on `east` (`busy` of them) and `west` (two); `hall` on
+/// `east`, with a laser of its own, so that there is something to tell.
 fn building(transport: &str, lan: Lan, busy: usize) -> Building {
     let certificates = certificates_of(&HOSTS, &lan);
     let more = |host: &str| match host {

@@ -84,3 +84,12 @@ source = { kind = "simulator", scene = "room", seed = 1 }
 /// The processes of [`ROOM`].
 pub const SERVICES: [&str; 6] =
     ["alerts", "anomaly room", "mapper room", "fusion room", "laser south", "laser north"];
+
+/// An ignored test of this suite, such as `intruder::the_one_who_asks`, in a process of its own that shows what
+/// it prints.
+fn process_of(test: &str) -> std::process::Command {
+    let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+    let name = format!("system::{test}");
+    command.args(["--exact", name.as_str(), "--ignored", "--nocapture"]);
+    command
+}

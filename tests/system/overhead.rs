@@ -12,7 +12,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
@@ -105,8 +105,7 @@ fn through_zenoh() -> Vec<f64> {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     drop(listener);
-    let there = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "system::overhead::the_one_who_listens", "--ignored", "--nocapture"])
+    let there = super::process_of("overhead::the_one_who_listens")
         .env("TOG_TEST_LISTENS", port.to_string())
         .stdout(Stdio::piped())
         .spawn()
