@@ -31,6 +31,12 @@ pub trait Encoded: Serialize + DeserializeOwned {
     /// Name for errors.
     const NAME: &'static str;
 
+    /// About how many bytes the body takes, or more: so that encoding does not ask for memory again and
+    /// again where data is in a hurry.
+    fn body_bytes_hint(&self) -> usize {
+        256
+    }
+
     /// Bounds that serde cannot express.
     ///
     /// # Errors
@@ -114,7 +120,8 @@ pub enum DecodeError {
 pub fn encode<M: Encoded>(message: &M) -> Result<Vec<u8>, DecodeError> {
     let body = |reason| DecodeError::Body { name: M::NAME, reason };
     message.check().map_err(body)?;
-    let mut bytes = vec![MAGIC[0], MAGIC[1], M::KIND, M::VERSION, 0, 0, 0, 0];
+    let mut bytes = Vec::with_capacity(ENVELOPE_BYTES + message.body_bytes_hint());
+    bytes.extend_from_slice(&[MAGIC[0], MAGIC[1], M::KIND, M::VERSION, 0, 0, 0, 0]);
     bytes = postcard::to_extend(message, bytes).map_err(|error| body(error.to_string()))?;
     let length = bytes.len() - ENVELOPE_BYTES;
     if length > BODY_BYTES_MAX {
@@ -217,6 +224,10 @@ impl Encoded for CarriedScan {
     const KIND: u8 = 5;
     const VERSION: u8 = 2;
     const NAME: &'static str = "CarriedScan";
+
+    fn body_bytes_hint(&self) -> usize {
+        self.laser.len() + self.scan.as_ref().map_or(0, |scan| 4 * scan.ranges_m.len()) + 96
+    }
 
     fn check(&self) -> Result<(), String> {
         self.scan.as_ref().map_or(Ok(()), LaserScan::check)

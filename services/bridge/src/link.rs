@@ -40,7 +40,7 @@ use zenoh::Wait;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::Query;
-use zenoh::sample::Sample;
+use zenoh::sample::{Locality, Sample};
 
 /// What zenoh's links read when they are compiled is in a file that cargo reads only there. Without it the
 /// thread that reads and writes all links would wait ten seconds for each one that was cut.
@@ -244,6 +244,7 @@ fn publisher(
         .congestion_control(CongestionControl::Drop)
         .priority(priority)
         .express(is_express)
+        .allowed_destination(Locality::Remote) // nobody in this session listens to it
         .wait()
         .map_err(|error| error.to_string())
 }

@@ -5,6 +5,7 @@
 use std::fmt::{self, Write};
 use std::sync::OnceLock;
 use tracing::field::{Field, Visit};
+use tracing::subscriber::Interest;
 use tracing::{Event, Level, Metadata, Subscriber};
 use tracing_subscriber::layer::{Context, Filter, Layer};
 use tracing_subscriber::registry::LookupSpan;
@@ -43,12 +44,24 @@ where
 
 struct Wanted(&'static Overhear);
 
-impl<S> Filter<S> for Wanted {
-    fn enabled(&self, metadata: &Metadata<'_>, _: &Context<'_, S>) -> bool {
+impl Wanted {
+    fn wants(&self, metadata: &Metadata<'_>) -> bool {
         let wants = |(target, level): &(&str, Level)| {
             metadata.target().starts_with(target) && metadata.level() <= level
         };
-        self.0.targets.iter().any(wants)
+        metadata.is_event() && self.0.targets.iter().any(wants)
+    }
+}
+
+impl<S> Filter<S> for Wanted {
+    fn enabled(&self, metadata: &Metadata<'_>, _: &Context<'_, S>) -> bool {
+        self.wants(metadata)
+    }
+
+    /// Answered once a place in the code. Without it each trace of zenoh would ask anew, and each of its
+    /// spans would be made: several a message, a tenth of what the thread of the scans did.
+    fn callsite_enabled(&self, metadata: &'static Metadata<'static>) -> Interest {
+        if self.wants(metadata) { Interest::always() } else { Interest::never() }
     }
 }
 
@@ -56,7 +69,7 @@ struct Ear(&'static Overhear);
 
 impl<S: Subscriber> Layer<S> for Ear {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
-        let mut text = Text(String::new());
+        let mut text = Text(String::with_capacity(256)); // nearly all are shorter
         event.record(&mut text);
         (self.0.hear)(event.metadata().target(), &text.0);
     }
@@ -79,5 +92,25 @@ impl Write for Text {
         }
         self.0.push_str(part);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tracing_subscriber::layer::SubscriberExt as _;
+
+    static HEARS: Overhear = Overhear { targets: &[("zenoh::acl", Level::TRACE)], hear: |_, _| {} };
+
+    #[test]
+    fn what_nobody_wants_to_hear_costs_nothing() {
+        let layer = Ear(&HEARS).with_filter(Wanted(&HEARS));
+        tracing::subscriber::with_default(tracing_subscriber::registry().with(layer), || {
+            assert!(tracing::event_enabled!(target: "zenoh::acl", Level::TRACE));
+            assert!(!tracing::event_enabled!(target: "zenoh::routing", Level::TRACE));
+            // A span of the target as well: only what is said is heard.
+            assert!(tracing::error_span!(target: "zenoh::routing", "a").is_disabled());
+            assert!(tracing::error_span!(target: "zenoh::acl", "b").is_disabled());
+        });
     }
 }

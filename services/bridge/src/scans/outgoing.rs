@@ -8,6 +8,7 @@ use protocol::codec::encode;
 use protocol::link::CarriedScan;
 use protocol::scan::{LaserScan, ScanHeader};
 use protocol::wire::Envelope;
+use std::future::poll_fn;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,9 +16,9 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
-use tokio::time::timeout;
+use tokio::time::{MissedTickBehavior, interval};
 
-/// After so long without a ring it is looked whether one went unheard, which happens to iceoryx2:
+/// So often it is looked whether a ring went unheard, which happens to iceoryx2:
 /// `services/process/src/doorbell.rs`.
 const UNHEARD: Duration = Duration::from_millis(100);
 
@@ -80,12 +81,18 @@ impl Outgoing {
         // one until it is dropped.
         let bell = unsafe { AsyncFd::register_with_interest(bell, Interest::READABLE) }
             .map_err(|error| broken(error.into()))?;
+        let mut unheard = interval(UNHEARD);
+        unheard.set_missed_tick_behavior(MissedTickBehavior::Delay);
         while self.with_scans(Subscriber::begin_turn).is_some() {
             self.send_all(lasers).await?;
             if self.with_scans(Subscriber::take_unfinished) == Some(false) {
-                if let Ok(ready) = timeout(UNHEARD, bell.readable()).await {
-                    ready.map_err(broken)?.clear_ready();
-                }
+                poll_fn(|context| {
+                    let rang = bell.poll_read_ready(context).map_ok(|mut rang| rang.clear_ready());
+                    let unheard = unheard.poll_tick(context).map(|_| Ok(()));
+                    if rang.is_ready() { rang } else { unheard }
+                })
+                .await
+                .map_err(broken)?;
                 // First the scan, then the bell: what rings meanwhile is seen in the next turn.
                 self.send_all(lasers).await?;
             }
