@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import struct
+import sys
 import threading
 
 # zenoh 1.10 does not bear it to read and write a TLS link from two threads (its issue 2557).
@@ -104,8 +105,11 @@ class ClassMaps:
 
 
 def host_of(text):
-    host, rest = text.split("@", 1)
+    host, _, rest = text.partition("@")
     endpoint, _, areas = rest.partition("=")
+    if not host or not endpoint.startswith(("tcp/", "tls/")):
+        expected = "HOST@tcp/ADDRESS:PORT=AREA,.. (or tls/), as ground@tcp/10.20.0.10:7447=lobby"
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected {expected}")
     return host, endpoint, [area for area in areas.split(",") if area]
 
 
@@ -150,11 +154,15 @@ def main(site, hosts, tls):
 
     sessions = []
     for host, endpoint, areas in hosts:
-        session = zenoh.open(configuration(endpoint, tls))
+        try:
+            session = zenoh.open(configuration(endpoint, tls))
+        except zenoh.ZError as error:
+            sys.exit(f"no session with {host} at {endpoint}: {error}")
         session.declare_subscriber(f"tog/{site}/{host}/event/live", on_event)
         for area in areas:
             session.declare_subscriber(f"tog/{site}/{host}/classes/{area}", on_classes)
         sessions.append(session)
+        print(f"listening to {host} at {endpoint}, as soon as it answers", file=sys.stderr)
     threading.Event().wait()
 
 

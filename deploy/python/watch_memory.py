@@ -52,8 +52,11 @@ def samples(subscriber, element):
 
 def main(run_dir, area):
     iox2.set_log_level(iox2.LogLevel.Error)
-    with open(f"{run_dir}/instance.json") as file:
-        instance = json.load(file)
+    try:
+        with open(f"{run_dir}/instance.json") as file:
+            instance = json.load(file)
+    except OSError as error:
+        sys.exit(f"{error}: expected the run directory of a running site, as `tog doctor SITE` names it")
     config = iox2.config.default()
     config.global_cfg.root_path = iox2.Path.new(f"{run_dir}/x/")
     config.global_cfg.prefix = iox2.FileName.new(instance["prefix"])
@@ -62,8 +65,11 @@ def main(run_dir, area):
     config.global_cfg.node.cleanup_dead_nodes_on_creation = False
     config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
     node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
-    scans = open_topic(node, f"scan/{area}", SCAN, ctypes.c_float)
-    frames = open_topic(node, f"frame/{area}", FRAME, ctypes.c_uint64)
+    try:
+        scans = open_topic(node, f"scan/{area}", SCAN, ctypes.c_float)
+        frames = open_topic(node, f"frame/{area}", FRAME, ctypes.c_uint64)
+    except (iox2.PublishSubscribeOpenError, RuntimeError) as error:
+        sys.exit(f"nothing of {area}: {error}: is it an area of this host, and is this the user that runs tog?")
     # Wakes when a frame comes, which is when its scans have come.
     bell = node.service_builder(iox2.ServiceName.new(f"frame/{area}")).event().open()
     bell = bell.listener_builder().create()

@@ -7,19 +7,20 @@ use supervisor::{ServiceStatus, StatusReport};
 pub const DOWN: &str =
     "# HELP tog_up 1 if the site runs on this host.\n# TYPE tog_up gauge\ntog_up 0\n";
 
-/// Every process, counter, gauge and fault.
+/// Every process, counter, gauge and fault; each with its site, for a host may run several.
 pub fn text(report: &StatusReport) -> String {
     let mut text = DOWN.replace("tog_up 0\n", &format!("tog_up{{site=\"{}\"}} 1\n", report.site));
     let well = f64::from(u8::from(report.is_healthy()));
+    let site = ("site", report.site.as_str());
     let age_s = |service: &ServiceStatus| service.health_age_s;
     metric(&mut text, "tog_well", "gauge", "1 if nothing is wrong.", |line| {
-        line(&[("site", &report.site)], well);
+        line(&[site], well);
     });
     let each = |text: &mut String, name, kind, help, of: &dyn Fn(&ServiceStatus) -> Option<f64>| {
         metric(text, name, kind, help, |line| {
             for service in &report.services {
                 if let Some(value) = of(service) {
-                    line(&[("service", &service.name)], value);
+                    line(&[site, ("service", &service.name)], value);
                 }
             }
         });
@@ -33,21 +34,21 @@ pub fn text(report: &StatusReport) -> String {
     metric(&mut text, "tog_count_total", "counter", "What a process counts.", |line| {
         for service in &report.services {
             for (name, count) in &service.counters {
-                line(&[("service", &service.name), ("name", name)], *count as f64);
+                line(&[site, ("service", &service.name), ("name", name)], *count as f64);
             }
         }
     });
     metric(&mut text, "tog_value", "gauge", "What a process measures.", |line| {
         for service in &report.services {
             for (name, value) in &service.gauges {
-                line(&[("service", &service.name), ("name", name)], *value);
+                line(&[site, ("service", &service.name), ("name", name)], *value);
             }
         }
     });
     metric(&mut text, "tog_fault", "gauge", "1 for each fault that there is.", |line| {
         for service in &report.services {
             for fault in &service.faults {
-                line(&[("service", &service.name), ("code", &fault.code)], 1.0);
+                line(&[site, ("service", &service.name), ("code", &fault.code)], 1.0);
             }
         }
     });
@@ -111,11 +112,11 @@ mod tests {
         for line in [
             "tog_up{site=\"lab\"} 1",
             "tog_well{site=\"lab\"} 0",
-            "tog_service_up{service=\"fusion hall\"} 0",
-            "tog_service_restarts_total{service=\"fusion hall\"} 3",
-            "tog_count_total{service=\"fusion hall\",name=\"scans_in\"} 7",
-            "tog_value{service=\"fusion hall\",name=\"frame_rate_hz\"} 9.5",
-            "tog_fault{service=\"fusion hall\",code=\"laser_silent \\\"x\\\"\"} 1",
+            "tog_service_up{site=\"lab\",service=\"fusion hall\"} 0",
+            "tog_service_restarts_total{site=\"lab\",service=\"fusion hall\"} 3",
+            "tog_count_total{site=\"lab\",service=\"fusion hall\",name=\"scans_in\"} 7",
+            "tog_value{site=\"lab\",service=\"fusion hall\",name=\"frame_rate_hz\"} 9.5",
+            "tog_fault{site=\"lab\",service=\"fusion hall\",code=\"laser_silent \\\"x\\\"\"} 1",
         ] {
             assert!(text.lines().any(|found| found == line), "{line}\n{text}");
         }

@@ -3,6 +3,7 @@
 use super::{Area, ID_PATTERN, Laser, Site};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::net::{Ipv4Addr, Ipv6Addr};
 
 /// Most hosts of a site: every bridge holds a link to every other one (but for clients), and 32 of them are
 /// 496 links; more floors are more sites.
@@ -218,15 +219,20 @@ impl Site {
     }
 }
 
-/// Whether a text is an endpoint: an address or a name, a colon, a port from 1 to 65535.
+/// Whether a text is an endpoint: an address or a name, a colon, a port from 1 to 65535. Not "every
+/// address" (0.0.0.0, [::]): others dial it.
 pub(super) fn is_endpoint(text: &str) -> bool {
     let Some((address, port)) = text.rsplit_once(':') else { return false };
     let in_brackets = address.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let is_address = match in_brackets {
-        Some(inner) => inner.parse::<std::net::Ipv6Addr>().is_ok(),
+        Some(inner) => inner.parse::<Ipv6Addr>().is_ok_and(|address| !address.is_unspecified()),
         None => {
             let allowed = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'.';
-            !address.is_empty() && address.len() <= 253 && address.bytes().all(allowed)
+            let is_every = address.parse::<Ipv4Addr>().is_ok_and(|address| address.is_unspecified());
+            !address.is_empty()
+                && !is_every
+                && address.len() <= 253
+                && address.bytes().all(allowed)
         }
     };
     let digits = (1..=5).contains(&port.len()) && port.bytes().all(|byte| byte.is_ascii_digit());

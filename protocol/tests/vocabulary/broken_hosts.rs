@@ -160,11 +160,30 @@ fn an_endpoint_needs_a_port() {
         "10.0.0.7:7447",
         "10.0.0.7",
         r#"
-error: `host[0].endpoint` is "10.0.0.7", expected an address and a port, as "10.0.0.7:7447"
+error: `host[0].endpoint` is "10.0.0.7", expected the address by which other hosts reach it and a port, as "10.0.0.7:7447"
  --> lab.toml:5:12
   |
 5 | endpoint = "10.0.0.7"
-  |            ^^^^^^^^^^ expected an address and a port, as "10.0.0.7:7447"
+  |            ^^^^^^^^^^ expected the address by which other hosts reach it and a port, as "10.0.0.7:7447"
+  |
+  = help: Address and port where its bridge listens and where the others find it.
+
+lab.toml: 1 error
+"#,
+    );
+}
+
+#[test]
+fn an_endpoint_is_what_others_dial() {
+    drawn(
+        "10.0.0.7:7447",
+        "0.0.0.0:7447",
+        r#"
+error: `host[0].endpoint` is "0.0.0.0:7447", expected the address by which other hosts reach it and a port, as "10.0.0.7:7447"
+ --> lab.toml:5:12
+  |
+5 | endpoint = "0.0.0.0:7447"
+  |            ^^^^^^^^^^^^^^ expected the address by which other hosts reach it and a port, as "10.0.0.7:7447"
   |
   = help: Address and port where its bridge listens and where the others find it.
 

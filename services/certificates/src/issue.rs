@@ -13,6 +13,8 @@ use time::{Duration, OffsetDateTime};
 
 /// A certificate is good a while before it was made: the clocks of hosts may differ.
 const BACKDATED: Duration = Duration::hours(1);
+/// The common name of an authority that was made here, before the site's name.
+const AUTHORITY_OF: &str = "tog authority of ";
 
 /// Why nothing was made.
 #[derive(Debug, thiserror::Error)]
@@ -85,7 +87,7 @@ pub fn init(directory: &Path, site: &str, now_s: i64, days: u32) -> Result<Autho
     refuse_existing([&authority.certificate, &authority.key])?;
     let key = KeyPair::generate_for(&PKCS_ECDSA_P256_SHA256).map_err(make)?;
     let mut params = CertificateParams::default();
-    params.distinguished_name.push(DnType::CommonName, format!("tog authority of {site}"));
+    params.distinguished_name.push(DnType::CommonName, format!("{AUTHORITY_OF}{site}"));
     // It signs hosts and nothing that signs in turn.
     params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
     params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
@@ -119,6 +121,12 @@ pub fn issue(
     let ca_certificate = crate::examine::parse(&ca_pem).map_err(&unusable)?;
     if !ca_certificate.has_key(&ca_key) {
         return Err(unusable("its key is not that of its certificate".to_owned()));
+    }
+    // An authority that somebody else made has a name of its own, and may serve many sites.
+    let of_site = ca_certificate.common_name.strip_prefix(AUTHORITY_OF);
+    if let Some(other) = of_site.filter(|other| *other != identity.site) {
+        let expected = &identity.site;
+        return Err(unusable(format!("it is that of the site {other}, expected {expected}")));
     }
     let issuer = Issuer::from_ca_cert_pem(&ca_pem, ca_key).map_err(|e| unusable(e.to_string()))?;
 

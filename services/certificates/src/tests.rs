@@ -50,6 +50,16 @@ fn nothing_is_overwritten() {
 }
 
 #[test]
+fn the_authority_of_another_site_signs_nothing() {
+    let (directory, _) = made();
+    let (ca, out) = (directory.path().join("ca"), directory.path().join("out"));
+    let stranger = Identity::new("shop", "edge", "10.0.0.7:7447");
+    let refused = issue(&ca, &out, &stranger, NOW_S, 1).unwrap_err().to_string();
+    assert!(refused.contains("it is that of the site lab, expected shop"), "{refused}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn each_thing_that_can_be_wrong_is_said() {
     let (directory, files) = made();
     wrong(&files, &identity(), NOW_S + 366 * DAY_S, "it expired on 2027-11-18");
