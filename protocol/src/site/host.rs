@@ -228,11 +228,9 @@ pub(super) fn is_endpoint(text: &str) -> bool {
         Some(inner) => inner.parse::<Ipv6Addr>().is_ok_and(|address| !address.is_unspecified()),
         None => {
             let allowed = |byte: u8| byte.is_ascii_alphanumeric() || byte == b'-' || byte == b'.';
-            let is_every = address.parse::<Ipv4Addr>().is_ok_and(|address| address.is_unspecified());
-            !address.is_empty()
-                && !is_every
-                && address.len() <= 253
-                && address.bytes().all(allowed)
+            let is_every =
+                address.parse::<Ipv4Addr>().is_ok_and(|address| address.is_unspecified());
+            !address.is_empty() && !is_every && address.len() <= 253 && address.bytes().all(allowed)
         }
     };
     let digits = (1..=5).contains(&port.len()) && port.bytes().all(|byte| byte.is_ascii_digit());

@@ -43,7 +43,11 @@ type Pattern = (&'static str, fn(&str) -> bool, &'static str);
 pub(super) const PATTERNS: [Pattern; 3] = [
     (ID_PATTERN, is_id, "1 to 32 letters, digits, `-` or `_`"),
     (TIME_PATTERN, |text| minute_of_day(text).is_some(), "a time from \"00:00\" to \"23:59\""),
-    (ENDPOINT_PATTERN, is_endpoint, "the address by which other hosts reach it and a port, as \"10.0.0.7:7447\""),
+    (
+        ENDPOINT_PATTERN,
+        is_endpoint,
+        "the address by which other hosts reach it and a port, as \"10.0.0.7:7447\"",
+    ),
 ];
 
 /// Whether a text is an id of a site file: 1 to 32 letters, digits, `-` or `_`.

@@ -4,6 +4,7 @@
 //! version restarts a host, and nobody wants to be called for that. Pure: time is an argument
 //! (CLOCK_MONOTONIC, nanoseconds).
 
+use protocol::event::EventChange;
 use protocol::health::Health;
 use protocol::site::Site;
 use protocol::time::SECOND_NS;
@@ -16,6 +17,8 @@ const START_PATIENCE_NS: u64 = 55 * SECOND_NS;
 /// A host of which something came so lately is there, seconds.
 const HEARD_S: f64 = 5.0;
 const FAULT: &str = "host_lost ";
+/// So many events are named; a text has its limit.
+const NAMED_MAX: usize = 8;
 
 /// What people are to be told of a host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -94,10 +97,32 @@ pub fn consequences(site: &Site, host: &str) -> String {
     words.join("; ")
 }
 
+/// Whose events a host tells: those of its areas, and of those for which it stands by.
+#[must_use]
+pub fn origins(site: &Site, host: &str) -> Vec<String> {
+    let areas = site.areas.iter().filter(|area| area.may_run_on(Some(host)));
+    areas.map(|area| area.origin_on(Some(host))).collect()
+}
+
+/// What a host left open when it went: nobody follows it, so that it may be over long since.
+#[must_use]
+pub fn left_open(open: &[EventChange]) -> String {
+    if open.is_empty() {
+        return String::new();
+    }
+    let name = |change: &EventChange| format!("{} ({})", change.id, change.kind.words());
+    let mut names: Vec<String> = open.iter().take(NAMED_MAX).map(name).collect();
+    if let Some(more) = open.len().checked_sub(NAMED_MAX).filter(|more| *more > 0) {
+        names.push(format!("{more} more"));
+    }
+    format!(". What it told as open is followed by nobody until it is back: {}", names.join(", "))
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::testing::change;
     use protocol::health::Fault;
 
     fn bridge(lost: bool, age_s: Option<f64>) -> Health {
@@ -133,6 +158,31 @@ mod tests {
         let back = Tiding { host: "edge".to_owned(), missed: None };
         assert_eq!(observe(false, Some(0.4), 3 * PATIENCE_NS), [back]);
         assert_eq!(observe(false, Some(0.4), 4 * PATIENCE_NS), []);
+    }
+
+    #[test]
+    fn what_a_lost_host_left_open_is_named() {
+        let area = |id: &str, host: &str, standby: Option<&str>| {
+            serde_json::json!({
+                "id": id, "host": host, "standby": standby, "origin_m": [0.0, 0.0], "columns": 1, "rows": 1,
+            })
+        };
+        let site: Site = serde_json::from_value(serde_json::json!({
+            "name": "s",
+            "area": [
+                area("hall", "edge", Some("desk")),
+                area("yard", "desk", Some("edge")),
+                area("shop", "desk", None),
+            ],
+            "laser": [],
+        }))
+        .unwrap();
+        assert_eq!(origins(&site, "edge"), ["hall", "yard@edge"]);
+        assert_eq!(left_open(&[]), "");
+        let open: Vec<_> = (1..=NAMED_MAX as u64 + 2).map(|n| change("hall", n)).collect();
+        let words = left_open(&open);
+        assert!(words.contains(&format!(" {} (", open[0].id)), "{words}");
+        assert!(words.ends_with(", 2 more"), "{words}");
     }
 
     #[test]

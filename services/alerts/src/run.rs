@@ -136,7 +136,8 @@ impl Service {
             let missed = missed.map(|text| {
                 let consequences = absence::consequences(&worker.site, &host);
                 let separator = if consequences.is_empty() { "" } else { ". By the site file: " };
-                format!("{text}{separator}{consequences}")
+                let open = self.keeper.open_of(&absence::origins(&worker.site, &host));
+                format!("{text}{separator}{consequences}{}", absence::left_open(&open))
             });
             let report = self.keeper.absence(&host, missed, now());
             self.handle(report, worker);

@@ -12,7 +12,7 @@
 mod write;
 
 use crate::intake::{Intake, Offered};
-use crate::journal::{Entry, Journal, JournalError};
+use crate::journal::{Entry, Filter, Journal, JournalError, LIST_LIMIT_MAX};
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::Fault;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -318,6 +318,16 @@ impl Keeper {
     /// If the journal cannot be read.
     pub fn after(&self, journal_id: u64, limit: usize) -> Result<Vec<Entry>, JournalError> {
         self.journal.as_ref().map_or(Ok(Vec::new()), |journal| journal.after(journal_id, limit))
+    }
+
+    /// The newest change of each event of these origins that is not over; none while the journal cannot
+    /// be read, which is told elsewhere.
+    #[must_use]
+    pub fn open_of(&self, origins: &[String]) -> Vec<EventChange> {
+        let open = Filter { open_only: true, limit: LIST_LIMIT_MAX, ..Filter::default() };
+        let rows = self.journal.as_ref().and_then(|journal| journal.list(&open).ok());
+        let changes = rows.into_iter().flatten().filter_map(|row| row.change().ok());
+        changes.filter(|change| origins.contains(&change.origin)).collect()
     }
 
     /// Changes that are told but not on disk, with a number greater than `number`.

@@ -302,3 +302,15 @@ fn a_host_that_is_missed_is_an_event_that_survives_a_restart() {
     assert_eq!(cleared.sequence, raised.sequence + 2);
     assert_eq!(open(4).missed_hosts(), ["yard".to_owned()].into());
 }
+
+#[test]
+fn what_is_open_of_a_host_is_known() {
+    let directory = tempfile::tempdir().unwrap();
+    let (mut keeper, _) = Keeper::open(&directory.path().join(JOURNAL_FILE), now(0)).unwrap();
+    let cleared =
+        EventChange { id: "hall-1".to_owned(), state: EventState::Cleared, ..change("hall", 2) };
+    keeper.offer(vec![change("hall", 1), cleared, change("hall", 3), change("yard", 1)], now(1));
+    let open_of = |origin: &str| keeper.open_of(&[origin.to_owned()]);
+    assert_eq!(open_of("hall").iter().map(|open| open.id.as_str()).collect::<Vec<_>>(), ["hall-3"]);
+    assert_eq!((open_of("yard").len(), open_of("shop").len()), (1, 0));
+}
