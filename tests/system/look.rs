@@ -49,7 +49,7 @@ fn a_site_is_told_to_prometheus_drawn_and_shown_in_a_terminal() {
     site.wait_until_healthy();
     let metrics = words(&site.tog(&["status"], &["--format", "prometheus"]));
     assert!(metrics.contains("\ntog_up{site=\"t\"} 1\n"), "{metrics}");
-    assert!(metrics.contains("\ntog_service_up{service=\"alerts\"} 1\n"), "{metrics}");
+    assert!(metrics.contains("\ntog_service_up{site=\"t\",service=\"alerts\"} 1\n"), "{metrics}");
     let graph = words(&site.tog(&["graph"], &[]));
     assert!(graph.contains("digraph \"t\"") && graph.contains("[label=\"frame\"]"), "{graph}");
     let one = words(&site.tog(&["status"], &["--site"]));

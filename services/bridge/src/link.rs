@@ -199,7 +199,7 @@ pub fn open(site: &Site, me: &Host, files: &Files) -> Result<Session, String> {
         let (id, endpoint) = (&me.id, &me.endpoint);
         let error = without_places(&error.to_string());
         if me.through.is_empty() {
-            format!("host {id} cannot listen on {endpoint}: {error}: is this host {id}?")
+            format!("host {id} cannot listen on {endpoint}: {error}, or this is not host {id}")
         } else {
             format!("none of the hosts {} answers: {error}", me.through.join(", "))
         }
