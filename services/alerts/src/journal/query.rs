@@ -80,6 +80,14 @@ impl Default for Filter {
     }
 }
 
+impl Filter {
+    /// The newest change of every event that is not over.
+    #[must_use]
+    pub fn open() -> Self {
+        Self { open_only: true, limit: LIST_LIMIT_MAX, ..Self::default() }
+    }
+}
+
 impl Journal {
     /// Up to `limit` rows after the cursor, in order.
     ///

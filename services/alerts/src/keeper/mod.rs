@@ -12,7 +12,7 @@
 mod write;
 
 use crate::intake::{Intake, Offered};
-use crate::journal::{Entry, Filter, Journal, JournalError, LIST_LIMIT_MAX};
+use crate::journal::{Entry, Filter, Journal, JournalError};
 use protocol::event::{EventAcknowledgement, EventChange, EventKind, EventState};
 use protocol::health::Fault;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -324,8 +324,7 @@ impl Keeper {
     /// be read, which is told elsewhere.
     #[must_use]
     pub fn open_of(&self, origins: &[String]) -> Vec<EventChange> {
-        let open = Filter { open_only: true, limit: LIST_LIMIT_MAX, ..Filter::default() };
-        let rows = self.journal.as_ref().and_then(|journal| journal.list(&open).ok());
+        let rows = self.journal.as_ref().and_then(|journal| journal.list(&Filter::open()).ok());
         let changes = rows.into_iter().flatten().filter_map(|row| row.change().ok());
         changes.filter(|change| origins.contains(&change.origin)).collect()
     }

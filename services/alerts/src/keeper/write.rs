@@ -2,7 +2,7 @@
 
 use super::{HOST_WORD, Keeper, Now, ORIGIN, Own, Pending, Report, Trouble};
 use crate::intake::GivenUp;
-use crate::journal::{Damage, Filter, Journal, JournalError, LIST_LIMIT_MAX};
+use crate::journal::{Damage, Filter, Journal, JournalError};
 use protocol::event::{
     EventAcknowledgement, EventChange, EventKind, EventState, begins_numbering, numbering,
 };
@@ -45,8 +45,7 @@ impl Keeper {
             // Desks on other hosts may have what a journal told that is lost.
             (self.own_last, _) = numbering(unix_ns);
         }
-        let open_only = Filter { open_only: true, limit: LIST_LIMIT_MAX, ..Filter::default() };
-        let missed = Filter { kind: Some(EventKind::CoverageLost), ..open_only };
+        let missed = Filter { kind: Some(EventKind::CoverageLost), ..Filter::open() };
         for change in journal.list(&missed)?.iter().filter_map(|row| row.change().ok()) {
             let of_host = change.text.strip_prefix(HOST_WORD).and_then(|text| text.split_once(':'));
             if let Some((host, _)) = of_host.filter(|_| change.origin == self.origin) {
