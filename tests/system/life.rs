@@ -76,7 +76,7 @@ fn the_shared_memory_of_a_crashed_run_is_cleared_by_the_next() {
     for pid in pids(&report).into_values() {
         kill(pid, Signal::KILL);
     }
-    site.log().wait_a_moment(Duration::ZERO);
+    assert_eq!(site.wait_end_of_run(), None, "{}", site.log().text());
     let stale = shared_memory(&prefix);
     assert!(!stale.is_empty(), "a crash leaves shared memory, else this test shows nothing");
     site.start_again();

@@ -232,8 +232,10 @@ impl Site {
         }
     }
 
-    /// Starts it once more, after its end.
+    /// Starts it once more, after its end: a supervisor that still runs is killed, and waited for, since
+    /// it holds the lock of the site until it is gone.
     pub fn start_again(&mut self) {
+        self.running = None;
         let file = self.file().to_str().unwrap().to_owned();
         let arguments = ["run".to_owned(), file].into_iter().chain(self.arguments.iter().cloned());
         let mut command = command_of(&self.program, &self.run_root(), arguments);
