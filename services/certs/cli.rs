@@ -37,6 +37,8 @@ Examples:
 
 Copy what is made to `tls_dir` of the site file on that host (/etc/tog/tls unless set), with the key
 readable by the user that runs tog only. Nothing is overwritten; to renew, write into an empty directory.
+A key was lost or stolen: write `certificate_number = 2` (3, ..) at that [[host]] in the site file of every
+host, issue it anew, restart; certificates of lower numbers are refused from then on.
 
 Exit code 0: made. 1: not made. 2: usage. 78: the site file is wrong.")]
     Issue(Issue),

@@ -5,7 +5,8 @@ pub mod cli;
 use crate::cli::Format;
 use crate::operate::{base_dir, write_out};
 use crate::{fail, site_file};
-use certificates::{Certificate, Files, Identity, Problem, examine::date};
+use bridge::access::identity;
+use certificates::{Certificate, Files, Problem, examine::date};
 use cli::{Certs, Init, Issue, Show, Verb};
 use process::{exit, wall_ns};
 use protocol::site::{Host, Site};
@@ -27,10 +28,6 @@ pub fn main(arguments: &Certs) -> ExitCode {
 /// UNIX seconds.
 pub fn now_s() -> i64 {
     (wall_ns() / SECOND_NS) as i64
-}
-
-fn identity(site: &Site, host: &Host) -> Identity {
-    Identity::new(&site.name, &host.id, &host.endpoint)
 }
 
 /// The certificate by which the host proves who it is; none if its site wants no proof.

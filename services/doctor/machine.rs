@@ -50,9 +50,18 @@ fn run_directory(patient: &Patient<'_>) -> Check {
     };
     let is_ours = at.starts_with(&patient.run_root);
     if is_ours && found.uid() != own {
-        let found =
-            format!("{} belongs to user id {}, this is user id {own}", at.display(), found.uid());
-        let help = "run as that user: processes share memory only within one user";
+        let owner = found.uid();
+        let found = format!("{} belongs to user id {owner}, this is user id {own}", at.display());
+        if own == 0 {
+            let help = format!(
+                "what is said of the run directory, memory, state and logout is said of root: \
+                 `sudo -u '#{owner}' tog doctor ..` says it of the user that runs the site"
+            );
+            return Check::new(name, State::Warn, found, help);
+        }
+        let help = format!(
+            "processes share memory only within one user: ask and run as that one, `sudo -u '#{owner}' tog ..`"
+        );
         return Check::new(name, State::Fail, found, help);
     }
     let aged = ["/tmp", "/var/tmp"].iter().any(|aged| path.starts_with(aged));

@@ -159,7 +159,8 @@ impl Pair<'_> {
 
     fn class(&self, class: usize, both: &[usize], change_min: f64) -> ClassChange {
         let mean = |map: usize| {
-            let sum: f64 = both.iter().map(|cell| self.share(map, class, *cell)).sum();
+            let shares = both.iter().map(|cell| self.share(map, class, *cell));
+            let sum = shares.fold(0.0, |sum, share| sum + share); // `sum` of none is -0
             sum / both.len().max(1) as f64
         };
         let rise = |cell: &usize| self.rise(class, *cell);

@@ -68,7 +68,8 @@ impl Report {
             let counts = &counts[index * cells..(index + 1) * cells];
             let frames = counts.iter().fold(0u64, |sum, count| sum.saturating_add(*count));
             let seen = counts.iter().zip(&totals).filter(|(_, total)| **total > 0);
-            let shares: f64 = seen.map(|(count, total)| *count as f64 / *total as f64).sum();
+            let share = |(count, total): (&u64, &u64)| *count as f64 / *total as f64;
+            let shares = seen.map(share).fold(0.0, |sum, share| sum + share); // `sum` of none is -0
             ClassReport {
                 id: class.id,
                 name: class.name.clone(),

@@ -34,11 +34,7 @@ pub fn status(arguments: &Status) -> ExitCode {
         Err(code) => return code,
     };
     let code = if report.is_healthy() { exit::OK } else { exit::FAILED };
-    let hosts = || {
-        // Who runs knows as which host it does.
-        let instance = Instance::load(Path::new(&report.run_dir)).ok();
-        hosts::hosts(&site, &report, instance.and_then(|instance| instance.host).as_deref())
-    };
+    let hosts = || hosts_of(&site, &report);
     let text = match arguments.format {
         StatusFormat::Prometheus => prometheus::text(&report),
         StatusFormat::Text if arguments.building => hosts::text(&hosts()),
@@ -53,6 +49,13 @@ pub fn status(arguments: &Status) -> ExitCode {
         },
     };
     write_out(&text, code)
+}
+
+/// All hosts, as the one that reports knows them; none for a site of one host.
+fn hosts_of(site: &Site, report: &StatusReport) -> Vec<hosts::HostStatus> {
+    // Who runs knows as which host it does.
+    let instance = Instance::load(Path::new(&report.run_dir)).ok();
+    hosts::hosts(site, report, instance.and_then(|instance| instance.host).as_deref())
 }
 
 /// `tog graph`.

@@ -1,5 +1,6 @@
 //! `tog top`: a running site in a terminal, as it changes.
 
+use super::{hosts, hosts_of};
 use alerts::Journal;
 use protocol::event::EventState;
 use protocol::site::Site;
@@ -19,12 +20,16 @@ use supervisor::{ProcessState, ServiceStatus, StatusReport};
 const PERIOD: Duration = Duration::from_secs(1);
 /// Most alerts that are shown.
 const ALERTS: usize = 8;
+/// Most lines about hosts: more do not fit a terminal, `tog status --site` has them.
+const HOSTS_LINES: usize = 10;
 
 /// What was seen.
 struct Seen {
     report: Result<StatusReport, String>,
     /// Percent of a core, by the service.
     cpu: BTreeMap<String, f64>,
+    /// The other hosts, as this one knows them, a line each; none for a site of one host.
+    hosts: Vec<String>,
     alerts: Vec<String>,
 }
 
@@ -89,7 +94,12 @@ fn look(
         None => BTreeMap::new(),
     };
     *before = Some((Instant::now(), now));
-    Seen { report, cpu, alerts: newest_alerts(journal).unwrap_or_default() }
+    let hosts = report.as_ref().map(|report| hosts_of(site, report)).unwrap_or_default();
+    let hosts = match hosts.as_slice() {
+        [] => Vec::new(),
+        hosts => hosts::text(hosts).lines().map(str::to_owned).collect(),
+    };
+    Seen { report, cpu, hosts, alerts: newest_alerts(journal).unwrap_or_default() }
 }
 
 /// The last changes of the journal, newest first.
@@ -109,9 +119,14 @@ fn newest_alerts(journal: &Path) -> Option<Vec<String>> {
 }
 
 fn draw(frame: &mut Frame<'_>, site: &Site, seen: &Seen) {
-    let [head, body, foot] = Layout::vertical([
+    let hosts_lines = match seen.hosts.len() {
+        0 => 0,
+        lines => lines.min(HOSTS_LINES) as u16 + 2,
+    };
+    let [head, body, hosts, foot] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Min(5),
+        Constraint::Length(hosts_lines),
         Constraint::Length(ALERTS as u16 + 2),
     ])
     .areas(frame.area());
@@ -131,6 +146,11 @@ fn draw(frame: &mut Frame<'_>, site: &Site, seen: &Seen) {
             );
             frame.render_widget(Paragraph::new(error.as_str()), body);
         }
+    }
+    if let Some((title, lines)) = seen.hosts.split_first() {
+        let lines: Vec<Line<'_>> = lines.iter().map(|line| Line::raw(line.as_str())).collect();
+        let block = Block::bordered().title(title.as_str());
+        frame.render_widget(Paragraph::new(lines).block(block), hosts);
     }
     let alerts: Vec<Line<'_>> = seen.alerts.iter().map(|alert| Line::raw(alert.as_str())).collect();
     frame.render_widget(Paragraph::new(alerts).block(Block::bordered().title("alerts")), foot);

@@ -240,6 +240,44 @@ fn whoever_knocks_without_end_keeps_nobody_out() {
     edge.stop();
 }
 
+/// The key of `edge` was stolen, and every host has a site file with the number of its next certificate.
+#[test]
+fn a_stolen_certificate_says_nothing_once_the_next_one_has_a_number() {
+    let mut building = building();
+    let (scratch, tls) = (&building.scratch.0, building.scratch.0.join("tls"));
+    let stolen = Files::of(&scratch.join("stolen"), "edge");
+    std::fs::create_dir(scratch.join("stolen")).unwrap();
+    let own = Files::of(&tls, "edge");
+    std::fs::rename(&own.certificate, &stolen.certificate).unwrap();
+    std::fs::rename(&own.key, &stolen.key).unwrap();
+    let second =
+        Identity::new("t", "edge", &format!("127.0.0.1:{}", building.ports[0])).numbered(2);
+    certificates::issue(&scratch.join("ca"), &tls, &second, now_s(), 10).unwrap();
+    let id = "id = \"edge\"\n";
+    building.toml = building.toml.replacen(id, &format!("{id}certificate_number = 2\n"), 1);
+
+    let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
+    let flows = |report: &supervisor::StatusReport, least: u64| {
+        (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
+    };
+    desk.wait_until("scans by the second certificate", |report| flows(report, 5));
+    let endpoint = format!("tls/127.0.0.1:{}", building.ports[1]);
+    // It is of the site's authority, so that it may connect.
+    let thief = dial(&endpoint, &tls.join("site-ca.pem"), Some(&stolen)).expect("a connection");
+    wait_for_count(&mut desk, "connections_refused_unauthorised", 1);
+    let text = desk.wait_until("the thief is told", alarm);
+    assert!(
+        text.contains("a certificate of no host of this site") && text.contains("edge.t"),
+        "{text}"
+    );
+    speak_as_others(&thief, 1000);
+    let before = count(find(&desk.status().unwrap(), "anomaly room"), "class_maps_in");
+    desk.wait_until("scans of the second certificate", |report| flows(report, before + 5));
+    assert_eq!(journal_of(&desk, "desk", "hall").len(), 0, "nothing was forged");
+    desk.stop();
+    edge.stop();
+}
+
 /// Somebody who stole the certificate of the desk asks the journal of the edge as fast as it can, so that
 /// the link is busy both ways: zenoh alone does not survive that over TLS.
 #[test]

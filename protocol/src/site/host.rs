@@ -42,6 +42,20 @@ pub struct Host {
     /// at a time and to nobody else, and nobody dials it. For a desk without areas and lasers.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub through: Vec<String>,
+    /// Which of its certificates the others believe: one more each time that a key of this host is lost or
+    /// stolen. Those before it are refused from then on.
+    #[serde(default = "first_certificate", skip_serializing_if = "is_first_certificate")]
+    #[schemars(range(min = 1, max = 9999))]
+    pub certificate_number: u32,
+}
+
+fn first_certificate() -> u32 {
+    1
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
+fn is_first_certificate(number: &u32) -> bool {
+    *number == first_certificate()
 }
 
 fn two_cores() -> u32 {

@@ -4,10 +4,16 @@
 //! Everything follows from it. A host may say what is its own, and ask for and listen to what is
 //! another's; whatever is not in the table is refused, on its way out and on its way in. Pure.
 
-use certificates::common_name;
+use certificates::Identity;
 use protocol::site::{Area, Host, Site};
 use protocol::topic;
 use serde_json::{Value, json};
+
+/// Who `host` is by its certificate.
+#[must_use]
+pub fn identity(site: &Site, host: &Host) -> Identity {
+    Identity::new(&site.name, &host.id, &host.endpoint).numbered(host.certificate_number)
+}
 
 /// The keys that are `host`'s own: what it alone may say.
 #[must_use]
@@ -75,7 +81,7 @@ pub fn control(site: &Site, me: &Host) -> Value {
             }));
         }
         subjects.push(json!({
-            "id": other.id, "cert_common_names": [common_name(&site.name, &other.id)],
+            "id": other.id, "cert_common_names": [identity(site, other).common_name()],
         }));
         let named: Vec<_> = parts.iter().map(|(part, ..)| id(part)).collect();
         policies.push(json!({ "rules": named, "subjects": [other.id] }));
@@ -180,6 +186,10 @@ mod tests {
             (Some("deny"), Some(true))
         );
         assert_eq!(control["subjects"][0]["cert_common_names"], json!(["edge.lab"]));
+        let mut stolen = site.clone();
+        stolen.hosts[0].certificate_number = 2;
+        let after = self::control(&stolen, &stolen.hosts[1]);
+        assert_eq!(after["subjects"][0]["cert_common_names"], json!(["edge.2.lab"]));
         let rules = control["rules"].as_array().unwrap();
         let rule = |id: &str| rules.iter().find(|rule| rule["id"] == id).unwrap();
         assert_eq!(rule("edge-says")["key_exprs"], json!(said_by(&site, "edge")));

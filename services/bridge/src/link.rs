@@ -413,6 +413,7 @@ mod tests {
             network_mbit_s: 1000,
             follows: Vec::new(),
             through: Vec::new(),
+            certificate_number: 1,
         };
         let mut site: Site = serde_json::from_value(json!({
             "name": "s",

@@ -2,13 +2,15 @@
 //!
 //! ```text
 //! site-ca.pem   the authority of the site; every host has it         site-ca.key   stays with who issues
-//! <host>.pem    CN = <host>.<site>, SAN = the address of its endpoint, for servers and clients
+//! <host>.pem    CN = <host>.<site>, SAN = the address of its endpoint, for servers and clients; after a
+//!               key was lost or stolen CN = <host>.<number>.<site>, counted from 2
 //! <host>.key    its private key (PKCS#8), on that host only, mode 0600
 //! ```
 //!
 //! Keys are ECDSA P-256. A bridge believes a peer to be host H if and only if its certificate is signed
-//! by the site's authority and its common name is `H.<site>`: ids hold no dot, so no host of one site
-//! can be taken for one of another, even if somebody uses one authority for both.
+//! by the site's authority and its common name is that of the number which the site file gives H: ids hold
+//! no dot, so no host of one site can be taken for one of another, even if somebody uses one authority
+//! for both. A certificate is revoked by the next number in the site file of every host.
 //!
 //! | question | where |
 //! |---|---|
@@ -41,28 +43,34 @@ pub struct Identity {
     pub host: String,
     /// Address or name where the others find the host: its endpoint without the port.
     pub address: String,
+    /// Which of its certificates, counted from 1: those before it are refused.
+    pub number: u32,
 }
 
 impl Identity {
-    /// Of a host with this endpoint (`address:port`, an IPv6 address in brackets).
+    /// Of a host with this endpoint (`address:port`, an IPv6 address in brackets): its first certificate.
     #[must_use]
     pub fn new(site: &str, host: &str, endpoint: &str) -> Self {
         let address = endpoint.rsplit_once(':').map_or(endpoint, |(address, _)| address);
         let address = address.trim_start_matches('[').trim_end_matches(']');
-        Self { site: site.to_owned(), host: host.to_owned(), address: address.to_owned() }
+        let (site, host, address) = (site.to_owned(), host.to_owned(), address.to_owned());
+        Self { site, host, address, number: 1 }
+    }
+
+    /// The same host with its certificate of this number.
+    #[must_use]
+    pub fn numbered(self, number: u32) -> Self {
+        Self { number, ..self }
     }
 
     /// The common name of its certificate.
     #[must_use]
     pub fn common_name(&self) -> String {
-        common_name(&self.site, &self.host)
+        match self.number {
+            1 => format!("{}.{}", self.host, self.site),
+            number => format!("{}.{number}.{}", self.host, self.site),
+        }
     }
-}
-
-/// The common name of the certificate of a host.
-#[must_use]
-pub fn common_name(site: &str, host: &str) -> String {
-    format!("{host}.{site}")
 }
 
 /// The three files that a host needs.

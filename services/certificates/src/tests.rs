@@ -89,6 +89,17 @@ fn each_thing_that_can_be_wrong_is_said() {
 }
 
 #[test]
+fn a_certificate_of_another_number_is_not_that_of_the_host() {
+    let (directory, files) = made();
+    let second = identity().numbered(2);
+    wrong(&files, &second, NOW_S, "it is of \"edge.lab\", expected \"edge.2.lab\"");
+    let (ca, out) = (directory.path().join("ca"), directory.path().join("second"));
+    let anew = issue(&ca, &out, &second, NOW_S, 365).unwrap();
+    assert_eq!(examine(&anew, &second, NOW_S).unwrap().common_name, "edge.2.lab");
+    wrong(&anew, &identity(), NOW_S, "it is of \"edge.2.lab\", expected \"edge.lab\"");
+}
+
+#[test]
 fn an_end_that_comes_near_is_told_in_time() {
     let (_directory, files) = made();
     let certificate = read(&files.certificate).unwrap();

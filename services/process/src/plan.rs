@@ -312,6 +312,7 @@ mod tests {
             network_mbit_s: 1000,
             follows: Vec::new(),
             through: Vec::new(),
+            certificate_number: 1,
         };
         site.hosts = vec![host("edge", 1), host("desk", 2)];
         site.areas[0].host = Some("desk".to_owned());

@@ -295,14 +295,16 @@ impl Service {
             (Some(_), Some(ServiceState::Running)) => ProcessState::Running,
             (Some(_), Some(ServiceState::Degraded)) => ProcessState::Degraded,
         };
-        let health = health.unwrap_or_default();
+        // What a process said before the area left this host is not how anything is now.
+        let is_of_now = state != ProcessState::Standby || self.running.is_some();
+        let health = health.filter(|_| is_of_now).unwrap_or_default();
         ServiceStatus {
             name: self.name.clone(),
             state,
             pid: self.pid(),
             restarts: self.restarts,
             up_s: self.running.as_ref().map(|running| age_s(running.started_mono_ns)),
-            health_age_s: self.heard_mono_ns.map(age_s),
+            health_age_s: self.heard_mono_ns.filter(|_| is_of_now).map(age_s),
             last_end: self.last_end.map(|end| end.to_string()),
             counters: health.counters,
             gauges: health.gauges,

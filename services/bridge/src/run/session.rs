@@ -1,8 +1,9 @@
 //! The session with the other hosts, before anything is said in it.
 
+use crate::access::identity;
 use crate::guard;
 use crate::link::{self, Session};
-use certificates::{Certificate, Files, Identity, common_name};
+use certificates::{Certificate, Files};
 use process::{Failure, Interest, Worker, monotonic_ns, wall_ns};
 use protocol::health::ServiceState;
 use protocol::site::{Host, Site};
@@ -95,12 +96,12 @@ fn certificate(site: &Site, me: &Host, files: &Files) -> Result<Option<Certifica
         return Ok(None);
     }
     let others = site.hosts.iter().filter(|host| host.id != me.id);
-    guard::admit(others.map(|host| common_name(&site.name, &host.id)).collect());
-    let identity = Identity::new(&site.name, &me.id, &me.endpoint);
+    guard::admit(others.map(|host| identity(site, host).common_name()).collect());
     let now_s = (wall_ns() / SECOND_NS) as i64;
-    let examined = certificates::examine(files, &identity, now_s).map_err(|problems| {
-        let words: Vec<String> = problems.iter().map(ToString::to_string).collect();
-        Failure::Config(words.join("; "))
-    })?;
+    let examined =
+        certificates::examine(files, &identity(site, me), now_s).map_err(|problems| {
+            let words: Vec<String> = problems.iter().map(ToString::to_string).collect();
+            Failure::Config(words.join("; "))
+        })?;
     Ok(Some(examined))
 }
