@@ -79,7 +79,7 @@ pub fn run(arguments: &Learn) -> ExitCode {
 /// If a laser is not simulated, or the results cannot be written.
 pub fn from_the_past(site: &Site, base_dir: &Path) -> Result<Vec<String>, LearnError> {
     let mut learnt = Vec::new();
-    let of_area = |area| base_dir.join(site.state_dir_of(site.host_of_area(area)));
+    let of_area = |area| site.state_dir_of(base_dir, site.host_of_area(area));
     let state_dirs: BTreeSet<PathBuf> = site.areas.iter().map(of_area).collect();
     let mut locks = Vec::new();
     for state_dir in &state_dirs {

@@ -25,7 +25,7 @@ pub fn base_dir(site_file: &Path) -> PathBuf {
 
 /// Where a site keeps the journal of a host.
 fn journal(site: &Site, host: Option<&str>, site_file: &Path) -> PathBuf {
-    base_dir(site_file).join(site.state_dir_of(host)).join(alerts::JOURNAL_FILE)
+    site.state_dir_of(&base_dir(site_file), host).join(alerts::JOURNAL_FILE)
 }
 
 /// Where the journal of the site that runs here is.

@@ -77,7 +77,7 @@ pub fn main(arguments: &Doctor) -> ExitCode {
         host: host.as_deref().and_then(|id| site.host(id)),
         site_file: arguments.site.clone(),
         run_dir: run_dir_of(&site.name, &run_root),
-        state_dir: base_dir(&arguments.site).join(site.state_dir_of(host.as_deref())),
+        state_dir: site.state_dir_of(&base_dir(&arguments.site), host.as_deref()),
         run_root,
         site: &site,
     };

@@ -75,7 +75,7 @@ impl StoredMap {
     pub fn of_site(path: &Path, area: Option<&str>) -> Result<Self, MapError> {
         let site = site_file::load(path)?;
         let area = area_of(&site, path, area)?;
-        let state_dir = base_dir(path).join(site.state_dir_of(site.host_of_area(area)));
+        let state_dir = site.state_dir_of(&base_dir(path), site.host_of_area(area));
         let file = mapper::shell::checkpoint_path(&state_dir, &area.id);
         let config = GridConfig::of_area(area);
         let expected = checkpoint::describe(&area.grid(), area.lattice().period_ns(), &config);

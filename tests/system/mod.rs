@@ -10,6 +10,7 @@
 //! | `recorder` | a recorder that is killed, or has no room |
 //! | `bridge` | two hosts: bridges that are killed, a desk that was away; three say what one says |
 //! | `clients` | programs in Python that share no code with us |
+//! | `cost` | nothing: what crosses is held against what `tog check` says |
 //! | `lan` | three hosts, links that are cut, four lasers at 75 Hz |
 //! | `upgrade` | hosts of two versions |
 //! | `router` | a desk that is a client of two hosts |
@@ -28,6 +29,7 @@
 
 mod bridge;
 mod clients;
+mod cost;
 mod damage;
 mod disk;
 mod doctor;

@@ -1,7 +1,6 @@
 //! A desk that is a client of two hosts: it has what every other desk has, whichever of them is lost.
 //!
-//! Nightly, because it fails now and then (once in thirteen runs, 2026-11-26): after a cut or a kill the two
-//! routers did not hear each other again for two minutes. README, "Known faults".
+//! Nightly, because it takes a minute of the machine.
 
 use super::bridge::assert_the_desk_has_all;
 use super::feed::Desk;

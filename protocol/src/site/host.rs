@@ -1,9 +1,10 @@
 //! The hosts of a site: who they are, where their bridges listen, and what runs where.
 
-use super::{Area, ID_PATTERN, Laser, Site};
+use super::{Area, ID_PATTERN, Laser, Site, default_state_dir};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::net::{Ipv4Addr, Ipv6Addr};
+use std::path::{Path, PathBuf};
 
 /// Most hosts of a site: every bridge holds a link to every other one (but for clients), and 32 of them are
 /// 496 links; more floors are more sites.
@@ -224,11 +225,16 @@ impl Site {
         self.lasers.iter().enumerate().filter_map(with_area)
     }
 
-    /// Directory of the state of one host, relative to the site file: of a site with hosts each has
-    /// its own, so that one directory can hold the states of all.
+    /// Directory of the state of one host; `base_dir` is that of the site file. Of a site with hosts each
+    /// has its own, so that one directory can hold the states of all. Services do not write below /etc
+    /// (FHS 3.0, 5.8): unless the site file says where, its state is in /var/lib/tog/<site> then.
     #[must_use]
-    pub fn state_dir_of(&self, host: Option<&str>) -> std::path::PathBuf {
-        let state_dir = std::path::PathBuf::from(&self.state_dir);
+    pub fn state_dir_of(&self, base_dir: &Path, host: Option<&str>) -> PathBuf {
+        let state_dir = if self.state_dir == default_state_dir() && base_dir.starts_with("/etc") {
+            Path::new("/var/lib/tog").join(&self.name)
+        } else {
+            base_dir.join(&self.state_dir)
+        };
         host.map_or_else(|| state_dir.clone(), |host| state_dir.join(host))
     }
 }

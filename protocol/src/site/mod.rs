@@ -72,7 +72,8 @@ pub struct Site {
     /// IANA time zone for contexts and for the words of alerts.
     #[serde(default = "default_timezone")]
     pub timezone: String,
-    /// Directory for checkpoints, learnt maps and the journal; relative to the site file.
+    /// Directory for checkpoints, learnt maps and the journal; relative to the site file. Unless set
+    /// /var/lib/tog/<site> for a site file below /etc.
     #[serde(default = "default_state_dir")]
     #[schemars(length(min = 1, max = 1024))]
     pub state_dir: String,

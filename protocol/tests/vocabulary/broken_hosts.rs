@@ -2,6 +2,7 @@
 
 use super::broken::{GOOD, check};
 use protocol::site::Site;
+use std::path::Path;
 
 const HOSTS: &str = r#"[[host]]
 id = "edge"
@@ -45,8 +46,12 @@ fn a_site_says_what_runs_where() {
     assert_eq!([lasers("edge"), areas("edge"), lasers("desk"), areas("desk")], [1, 0, 0, 1]);
     let crossing: Vec<_> = site.lasers_that_cross().map(|(index, ..)| index).collect();
     assert_eq!(crossing, [0]);
-    assert_eq!(site.state_dir_of(Some("edge")).to_str(), Some("state/edge"));
-    assert_eq!(site.state_dir_of(None).to_str(), Some("state"));
+    let state = |base_dir: &str, host| site.state_dir_of(Path::new(base_dir), host);
+    assert_eq!(state("/home/me", Some("edge")).to_str(), Some("/home/me/state/edge"));
+    assert_eq!(state("/home/me", None).to_str(), Some("/home/me/state"));
+    assert_eq!(state("/etc/tog", Some("edge")).to_str(), Some("/var/lib/tog/lab/edge"));
+    let said = Site { state_dir: "../state".to_owned(), ..site.clone() };
+    assert_eq!(said.state_dir_of(Path::new("/etc/tog"), None).to_str(), Some("/etc/tog/../state"));
 }
 
 #[test]

@@ -151,7 +151,7 @@ impl Owner {
         let instance = Instance {
             site_name: site.name.clone(),
             prefix: prefix_of(&run_dir),
-            state_dir: base_dir.join(site.state_dir_of(options.host.as_deref())),
+            state_dir: site.state_dir_of(&base_dir, options.host.as_deref()),
             host: options.host.clone(),
             base_dir,
             out_dir,
