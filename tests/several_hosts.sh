@@ -19,7 +19,7 @@ fi
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 # One at a time: each has the machine for itself.
-for suite in lan overhead standby lost_state intruder clients three_hosts_say router upgrade; do
+for suite in lan cost overhead standby lost_state intruder clients three_hosts_say router upgrade; do
     echo "== $suite" | tee -a "$log" >&2
     cargo test --workspace --quiet --test system -- --nocapture --test-threads 1 "$suite" >>"$log" 2>&1 ||
         { cat "$log" >&2; exit 1; }
@@ -35,7 +35,8 @@ row() { # row WHAT PATTERN: the lines of the log that match, without the name of
 row "cut links" '^.*[0-9]+ cuts, '
 row "a link that was full when it was cut" 'a link that was full: '
 row "four lasers at 75 Hz" 'scans in [0-9.]+ s, '
-row "bytes a second, measured and planned" 'B/s of [0-9]+ planned'
+row "bytes a second, measured and planned" '^[a-z]+: sends .* B/s of [0-9]+ planned'
+row "what is followed, copied, told" 'lasers: sends [0-9]+ B/s'
 row "bridges" '^  bridge: '
 row "a scan to another host" 'a scan of 181 beams'
 row "an area back at its standby" 'back after ms'

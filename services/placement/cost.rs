@@ -55,6 +55,25 @@ const CLASS_BYTES_A_BEAM: f64 = 0.1;
 /// Likewise.
 const CLASS_BYTES_A_DEG_S: f64 = 6.0;
 
+// What is in the files that a standby copies; both are packed, and most of a map is its longest window.
+
+/// Of a map for each frame of the window and each beam of the area's lasers: four lasers at 75 Hz.
+const COPY_BYTES_A_BEAM: f64 = 0.16;
+/// Of a map for each frame of the window, each degree that the widest laser sees and each second between
+/// two frames; several lasers see into the shadows of each other, see [`SHADOWS`].
+const COPY_BYTES_A_DEG_S: f64 = 52.0;
+/// A map of n lasers has so many times less of what sweeping shadows turn: n to the power of this. One,
+/// two and four lasers at 10 Hz take 930, 480 and 320 bytes a frame.
+const SHADOWS: f64 = 0.75;
+/// Counts of a map, for each cell, after half a day; some more after months.
+const COPY_BYTES_A_CELL: f64 = 1.0;
+/// What the detector learnt, for each cell.
+const NORMAL_BYTES_A_CELL: f64 = 9.0;
+/// How often that is written at most.
+const NORMAL_PERIOD_S: f64 = 60.0;
+/// What a packet of Ethernet carries of a long message.
+const SEGMENT_BYTES: f64 = 1448.0;
+
 /// How many beams a laser has, and how many scans a second; none if its scene or recording cannot be
 /// read.
 pub fn feed(laser: &Laser, base_dir: &Path) -> Option<Feed> {
@@ -239,7 +258,7 @@ impl<'s> Costs<'s> {
         streams
     }
 
-    /// Claims, twice a second; the copies come with the checkpoints, and are not counted.
+    /// Claims, twice a second, and the copies of maps and of what was learnt, as often as they are written.
     fn standby(&self) -> Vec<Stream<'s>> {
         let mut streams: Vec<Stream<'s>> = Vec::new();
         for area in self.site.areas.iter().filter(|area| area.standby.is_some()) {
@@ -252,8 +271,27 @@ impl<'s> Costs<'s> {
                     streams.push(self.stream(from, to, what, 120, 2.0));
                 }
             }
+            let what = format!("copies of area {}", area.id);
+            let bytes_per_s = self.copied_bytes_per_s(area);
+            let packets_hz = bytes_per_s / SEGMENT_BYTES;
+            let bytes_per_s = bytes_per_s + packets_hz * self.on_the_wire(0);
+            streams.push(Stream { from: own, to: standby, what, bytes_per_s, rate_hz: packets_hz });
         }
         streams
+    }
+
+    /// Bytes a second of the files of an area, as they are written.
+    fn copied_bytes_per_s(&self, area: &Area) -> f64 {
+        let (beams, rate_hz) = self.of_area(area);
+        let widest = self.feeds_of(area).map(|feed| feed.view_deg).fold(0.0, f64::max);
+        let shadows = COPY_BYTES_A_DEG_S * widest
+            / rate_hz
+            / (self.feeds_of(area).count().max(1) as f64).powf(SHADOWS);
+        let a_frame = shadows.max(COPY_BYTES_A_BEAM * beams as f64);
+        let frames = rate_hz * area.timescales_s.iter().copied().fold(0.0, f64::max);
+        let cells = f64::from(area.columns) * f64::from(area.rows);
+        (frames * a_frame + cells * COPY_BYTES_A_CELL) / area.checkpoint_s
+            + cells * NORMAL_BYTES_A_CELL / NORMAL_PERIOD_S
     }
 
     /// What the lasers of an area send.

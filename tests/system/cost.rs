@@ -92,7 +92,9 @@ fn is_as_planned(what: &str, desk: Desk) {
         println!("{what} of {lasers} lasers: sends {sent:.0} B/s of {planned:.0} planned");
     }
     let ratios = measured.map(|[sent, planned]| sent / planned);
-    assert!(ratios.iter().all(|ratio| (0.7..1.3).contains(ratio)), "{what}: {ratios:.2?}");
+    // Within seconds it counts who happens to walk where, and windows of seconds are hardly counted.
+    let (least, most) = if is_nightly() { (0.8, 1.2) } else { (0.5, 1.5) };
+    assert!(ratios.iter().all(|ratio| (least..most).contains(ratio)), "{what}: {ratios:.2?}");
 }
 
 #[test]
