@@ -192,7 +192,7 @@ fn certificates(patient: &Patient<'_>, host: &Host) -> Check {
         }
         Err(problems) => {
             let words: Vec<String> = problems.iter().map(ToString::to_string).collect();
-            Check::new(name, State::Fail, words.join("; "), "`tog certs issue`")
+            Check::new(name, State::Fail, words.join("; "), "") // each says what to do
         }
     }
 }

@@ -68,11 +68,27 @@ pub fn main(arguments: &Doctor) -> ExitCode {
         Ok(site) => site,
         Err(error) => return fail(exit::BAD_CONFIG, error),
     };
-    let host = match placement::host_to_run(&site, arguments.host.as_deref()) {
+    let run_root = default_run_root();
+    // Who runs here knows as which host it does.
+    let runs = process::Instance::load(&run_dir_of(&site.name, &run_root)).ok();
+    let runs_as = runs.and_then(|instance| instance.host).filter(|id| site.host(id).is_some());
+    let asked = arguments.host.clone().or_else(|| runs_as.clone());
+    let host = match placement::host_to_run(&site, asked.as_deref()) {
         Ok(host) => host,
         Err(reason) => return fail(exit::USAGE, reason),
     };
-    let run_root = default_run_root();
+    if let (Some(runs), Some(asked)) = (&runs_as, &host)
+        && runs != asked
+    {
+        let run_dir = run_dir_of(&site.name, &run_root);
+        let text = format!(
+            "host {runs} of {} runs here ({}): ask of that, or on the machine of host {asked}, or with \
+             another TOG_RUN_DIR",
+            site.name,
+            run_dir.display()
+        );
+        return fail(exit::USAGE, text);
+    }
     let patient = Patient {
         host: host.as_deref().and_then(|id| site.host(id)),
         site_file: arguments.site.clone(),

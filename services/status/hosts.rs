@@ -54,6 +54,8 @@ pub fn hosts(site: &Site, report: &StatusReport, here: Option<&str>) -> Vec<Host
         };
         let areas = site.areas_on(Some(id)).filter(runs).map(|area| area.id.clone()).collect();
         let of_host = || faults_of(bridge).filter(|(of, _)| of == id).map(|(_, fault)| fault);
+        let own = || report.services.iter().filter(|s| s.state != ProcessState::Standby);
+        let number = |count: usize| Some(count as f64);
         HostStatus {
             id: id.clone(),
             endpoint: host.endpoint.clone(),
@@ -61,8 +63,14 @@ pub fn hosts(site: &Site, report: &StatusReport, here: Option<&str>) -> Vec<Host
             heard_s: gauge(format!("host_age_s {id}")),
             clock_ahead_s: gauge(format!("clock_ahead_s {id}")),
             events_behind: gauge(format!("events_behind {id}")),
-            services_heard: gauge(format!("host_services_heard {id}")),
-            services: gauge(format!("host_services {id}")),
+            services_heard: match here {
+                true => number(own().filter(|service| service.pid.is_some()).count()),
+                false => gauge(format!("host_services_heard {id}")),
+            },
+            services: match here {
+                true => number(own().count()),
+                false => gauge(format!("host_services {id}")),
+            },
             areas,
             is_lost: of_host().any(|fault| fault.code.starts_with("host_lost ")),
             faults: if here {

@@ -34,6 +34,13 @@ pub fn status(arguments: &Status) -> ExitCode {
         Err(code) => return code,
     };
     let code = if report.is_healthy() { exit::OK } else { exit::FAILED };
+    let instance = Instance::load(Path::new(&report.run_dir)).ok();
+    if instance.is_some_and(|instance| instance.runs_another(&site)) {
+        eprintln!(
+            "tog: {} is not what runs: it was changed since the start of the site. Restart it to use it",
+            arguments.site.display()
+        );
+    }
     let hosts = || hosts_of(&site, &report);
     let text = match arguments.format {
         StatusFormat::Prometheus => prometheus::text(&report),

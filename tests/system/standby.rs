@@ -117,6 +117,14 @@ fn the_area_of_a_lost_host_goes_on_at_its_standby_and_is_never_run_by_two_for_lo
         lost.start_again();
         wait_until_it_stands_by(lost);
         assert!(runs_here(&other.status().unwrap()), "it stays where it is");
+        edge.wait_until("a desk that misses nothing of what stands by", |report| {
+            let count = |name: &str, host: &str| gauge(report, "bridge", &format!("{name} {host}"));
+            let all_are_heard = |host: &&str| {
+                let heard = count("host_services_heard", host);
+                heard.is_some() && heard == count("host_services", host)
+            };
+            ["main", "spare"].iter().all(all_are_heard).then_some(())
+        });
     }
     took_ms.sort_unstable();
     println!("back after ms: {took_ms:?}");

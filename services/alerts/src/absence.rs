@@ -74,9 +74,24 @@ impl Absences {
     }
 }
 
-/// What it means that a host is gone, by the site file.
+/// What a person is told of a host that is missed: why, what that means, what it left open.
 #[must_use]
-pub fn consequences(site: &Site, host: &str) -> String {
+pub fn words(missed: String, site: &Site, host: &str, open: &[EventChange]) -> String {
+    let consequences = consequences(site, host);
+    let means = match consequences.as_str() {
+        "" => String::new(),
+        consequences => format!("By the site file: {consequences}"),
+    };
+    let mut text = missed;
+    for sentence in [means, left_open(open)].into_iter().filter(|sentence| !sentence.is_empty()) {
+        text += if text.ends_with('?') { " " } else { ". " };
+        text += &sentence;
+    }
+    text
+}
+
+/// What it means that a host is gone, by the site file.
+fn consequences(site: &Site, host: &str) -> String {
     let mut words = Vec::new();
     for area in site.areas.iter().filter(|area| area.host.as_deref() == Some(host)) {
         let id = &area.id;
@@ -105,8 +120,7 @@ pub fn origins(site: &Site, host: &str) -> Vec<String> {
 }
 
 /// What a host left open when it went: nobody follows it, so that it may be over long since.
-#[must_use]
-pub fn left_open(open: &[EventChange]) -> String {
+fn left_open(open: &[EventChange]) -> String {
     if open.is_empty() {
         return String::new();
     }
@@ -115,7 +129,7 @@ pub fn left_open(open: &[EventChange]) -> String {
     if let Some(more) = open.len().checked_sub(NAMED_MAX).filter(|more| *more > 0) {
         names.push(format!("{more} more"));
     }
-    format!(". What it told as open is followed by nobody until it is back: {}", names.join(", "))
+    format!("What it told as open is followed by nobody until it is back: {}", names.join(", "))
 }
 
 #[cfg(test)]

@@ -134,10 +134,8 @@ impl Service {
         }
         for Tiding { host, missed } in tidings {
             let missed = missed.map(|text| {
-                let consequences = absence::consequences(&worker.site, &host);
-                let separator = if consequences.is_empty() { "" } else { ". By the site file: " };
                 let open = self.keeper.open_of(&absence::origins(&worker.site, &host));
-                format!("{text}{separator}{consequences}{}", absence::left_open(&open))
+                absence::words(text, &worker.site, &host, &open)
             });
             let report = self.keeper.absence(&host, missed, now());
             self.handle(report, worker);

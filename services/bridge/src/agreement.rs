@@ -20,6 +20,10 @@ pub fn fingerprint(site: &Site) -> u32 {
     };
     for host in &site.hosts {
         line(format_args!("host {} {} {:?} {:?}", host.id, host.desk, host.follows, host.through));
+        // The first has no line, so that hosts of versions that knew one only say the same.
+        if host.certificate_number != 1 {
+            line(format_args!("certificate {}", host.certificate_number));
+        }
     }
     for area in &site.areas {
         let (x_m, y_m, cell_m) = (area.origin_m[0], area.origin_m[1], area.cell_m);
@@ -47,6 +51,10 @@ mod tests {
         let of = |text: &str| fingerprint(&Site::parse(text, "t").unwrap());
         assert_eq!(of(text), of(&format!("# a remark\n{text}")));
         assert_ne!(of(text), of(&text.replace("x_m = 0.5", "x_m = 0.6")));
+        let hosts = "[[host]]\nid = \"h\"\nendpoint = \"a:1\"\ntransport = \"tls\"\n";
+        let placed =
+            format!("{text}{hosts}").replace("\"a\"\norigin", "\"a\"\nhost = \"h\"\norigin");
+        assert_ne!(of(&placed), of(&format!("{placed}certificate_number = 2\n")), "one is revoked");
         assert_eq!(of(text), 2_199_554_105, "hosts of other versions say the same number");
     }
 }

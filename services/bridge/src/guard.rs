@@ -41,27 +41,35 @@ pub struct Totals {
     pub messages: u64,
     /// Connections without a good certificate, or of a host that the site does not have.
     pub connections: u64,
-    /// The last of both, in words.
-    pub last: String,
+    /// The last message, in words.
+    pub last_message: String,
+    /// The last connection, in words.
+    pub last_connection: String,
     /// Connections that ended before a word was said: whoever looks whether somebody is there (`tog
     /// doctor`), and friends whose link was cut meanwhile. No reason to call anybody.
     pub wordless: u64,
 }
 
 impl Totals {
-    const NONE: Self = Self { messages: 0, connections: 0, last: String::new(), wordless: 0 };
+    const NONE: Self = Self {
+        messages: 0,
+        connections: 0,
+        last_message: String::new(),
+        last_connection: String::new(),
+        wordless: 0,
+    };
 
     fn take(&mut self, knock: Knock) {
-        let (count, words) = match knock {
-            Knock::Message(words) => (&mut self.messages, words),
-            Knock::Connection(words) => (&mut self.connections, words),
+        let (count, last, words) = match knock {
+            Knock::Message(words) => (&mut self.messages, &mut self.last_message, words),
+            Knock::Connection(words) => (&mut self.connections, &mut self.last_connection, words),
             Knock::Wordless => {
                 self.wordless += 1;
                 return;
             }
         };
         *count += 1;
-        self.last = words.chars().filter(|c| !c.is_control()).take(WORDS_MAX).collect();
+        *last = words.chars().filter(|c| !c.is_control()).take(WORDS_MAX).collect();
     }
 }
 
@@ -133,7 +141,7 @@ fn speaker(who: &str) -> String {
         sessions.insert(session.to_owned(), name.to_owned());
         return name.to_owned();
     }
-    sessions.get(who).cloned().unwrap_or_else(|| "a host".to_owned())
+    sessions.get(who).cloned().unwrap_or_else(|| "whoever has no name here".to_owned())
 }
 
 /// A line of the listener: a connection that was refused, or is of somebody the site does not have.
@@ -180,10 +188,16 @@ impl Alarm {
         }
         let messages = totals.messages - self.since.messages;
         let connections = totals.connections - self.since.connections;
+        let last = |count: u64, words: &str| match count {
+            0 => String::new(),
+            _ => format!(" (the last: {words})"),
+        };
         Some(format!(
-            "somebody without the right to tried to reach this host: {connections} connections and \
-             {messages} messages were refused, nothing of them was taken; the last one: {}",
-            totals.last
+            "somebody without the right to tried to reach this host: {connections} connections{} and \
+             {messages} messages{} were refused, nothing of them was taken. This is said until nobody tried \
+             for 5 minutes",
+            last(connections, &totals.last_connection),
+            last(messages, &totals.last_message),
         ))
     }
 }
@@ -230,7 +244,7 @@ mod tests {
         assert!(message(cached, &none).unwrap().ends_with("from edge.lab, which may not send it"));
         let stranger = cached.replace("ab12", "cd34");
         assert!(
-            message(&stranger, &none).unwrap().contains("from a host, which"),
+            message(&stranger, &none).unwrap().contains("from whoever has no name here, which"),
             "not heard of yet"
         );
     }
@@ -262,11 +276,12 @@ mod tests {
         totals.take(Knock::Message("a\u{7}b".to_owned()));
         totals.take(Knock::Connection("c".to_owned()));
         let text = alarm.fault(&totals, 2).unwrap();
-        assert!(text.contains("1 connections and 1 messages") && text.ends_with("c"), "{text}");
+        let both = "1 connections (the last: c) and 1 messages (the last: ab) were refused";
+        assert!(text.contains(both), "{text}");
         assert!(alarm.fault(&totals, 2 + QUIET_NS - 1).is_some());
         assert_eq!(alarm.fault(&totals, 2 + QUIET_NS), None);
         totals.take(Knock::Message("d".to_owned()));
         let text = alarm.fault(&totals, 3 + QUIET_NS).unwrap();
-        assert!(text.contains("0 connections and 1 messages"), "{text}");
+        assert!(text.contains("0 connections and 1 messages (the last: d) were"), "{text}");
     }
 }

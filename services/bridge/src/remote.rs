@@ -57,9 +57,12 @@ impl RemoteHost {
         &self.id
     }
 
-    /// Something came from there.
+    /// Something came from there; said once to the log when it was lost, or never heard.
     pub fn heard(&mut self, mono_ns: u64) {
-        self.heard_ns = Some(mono_ns);
+        let before_ns = self.heard_ns.replace(mono_ns);
+        if before_ns.is_none_or(|before_ns| mono_ns.saturating_sub(before_ns) >= LOST_NS) {
+            tracing::info!("host {} is heard", self.id);
+        }
     }
 
     /// A process of it told how it is. One that the site file does not place there is refused.
@@ -124,15 +127,20 @@ impl RemoteHost {
 
     /// Why the host is lost, if it is.
     #[must_use]
-    pub fn lost(&self, mono_ns: u64, endpoint: &str) -> Option<String> {
+    pub fn lost(&self, mono_ns: u64, endpoint: &str, uses_tls: bool) -> Option<String> {
         let since_ns = mono_ns.saturating_sub(self.heard_ns.unwrap_or(self.start_ns));
         (since_ns >= LOST_NS).then(|| {
             let seconds = since_ns / SECOND_NS;
             let id = &self.id;
             let since = if self.heard_ns.is_some() { "for" } else { "yet, after" };
+            let believed = if uses_tls {
+                ", and do both believe the certificate of the other (`unauthorised` here or there)"
+            } else {
+                ""
+            };
             format!(
                 "nothing is heard of host {id} {since} {seconds} s: is `tog run --host {id}` \
-                 running there, and can it be reached at {endpoint}?"
+                 running there, can it be reached at {endpoint}{believed}?"
             )
         })
     }
@@ -185,12 +193,13 @@ mod tests {
     #[test]
     fn a_host_is_lost_when_nothing_is_heard_of_it_and_found_when_something_is() {
         let mut edge = host();
-        assert_eq!(edge.lost(100 + LOST_NS - 1, "a:1"), None, "it may still be starting");
-        let text = edge.lost(100 + LOST_NS, "a:1").unwrap();
+        assert_eq!(edge.lost(100 + LOST_NS - 1, "a:1", false), None, "it may still be starting");
+        let text = edge.lost(100 + LOST_NS, "a:1", false).unwrap();
         assert!(text.starts_with("nothing is heard of host edge yet, after 5 s"), "{text}");
         edge.heard(100 + LOST_NS);
-        assert_eq!(edge.lost(100 + 2 * LOST_NS - 1, "a:1"), None);
-        assert!(edge.lost(100 + 2 * LOST_NS, "a:1").unwrap().contains("edge for 5 s"));
+        assert_eq!(edge.lost(100 + 2 * LOST_NS - 1, "a:1", false), None);
+        let text = edge.lost(100 + 2 * LOST_NS, "a:1", true).unwrap();
+        assert!(text.contains("edge for 5 s") && text.contains("the certificate"), "{text}");
         assert_eq!(edge.age_s(100 + LOST_NS + SECOND_NS), Some(1.0));
     }
 

@@ -37,7 +37,8 @@ pub enum OwnerError {
     /// Another owner lives.
     #[error(
         "the site {site} already runs: process {pid} owns {run_dir}. Stop it first (Ctrl-C, or \
-         `kill {pid}`), or give a second one a name and a `state_dir` of its own"
+         `kill {pid}`), or give a second one a name and a `state_dir` of its own; another host of \
+         the same site on this machine needs a TOG_RUN_DIR of its own"
     )]
     AlreadyRuns {
         /// The site's name.

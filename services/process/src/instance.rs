@@ -159,6 +159,14 @@ impl Instance {
         self.run_dir.join("x")
     }
 
+    /// True if the site that runs is not this one: its file was changed since it was started.
+    #[must_use]
+    pub fn runs_another(&self, site: &Site) -> bool {
+        let stored = fs::read_to_string(self.run_dir.join("site.json"));
+        let text = serde_json::to_string_pretty(site);
+        matches!((stored, text), (Ok(stored), Ok(text)) if stored != text)
+    }
+
     pub(crate) fn store(&self, site: &Site) -> Result<(), InstanceError> {
         write_json(&self.run_dir.join("site.json"), site)?;
         write_json(&self.run_dir.join("instance.json"), self)

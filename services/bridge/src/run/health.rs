@@ -8,6 +8,7 @@ use crate::link::sockets;
 use crate::remote::RemoteHost;
 use process::{Worker, monotonic_ns, wall_ns};
 use protocol::time::SECOND_NS;
+use std::collections::BTreeSet;
 
 /// The fault is over when nothing came under a wrong key for so long.
 const MISROUTED_QUIET_NS: u64 = 60 * SECOND_NS;
@@ -143,13 +144,38 @@ impl Bridge {
         health.gauge("certificate_days_left", certificate.days_left(now_s) as f64);
     }
 
+    /// An area that is heard from one host does not run on another one that is silent about it: that one
+    /// was killed, or handed it over, and stands by.
+    fn forget_what_moved(&mut self, now_ns: u64) {
+        let fusion = |area: &String| format!("fusion {area}");
+        let runs = |remote: &RemoteHost, area: &String| remote.hears(&fusion(area), now_ns);
+        let there: BTreeSet<String> = self
+            .remote
+            .iter()
+            .flatten()
+            .flat_map(|remote| {
+                let areas = self.areas_of[remote.id()].iter();
+                areas.filter(move |area| runs(remote, area)).cloned()
+            })
+            .collect();
+        for remote in self.remote.iter_mut().flatten() {
+            for area in self.areas_of[remote.id()].iter().filter(|area| there.contains(*area)) {
+                if !runs(remote, area) {
+                    remote.left(area);
+                }
+            }
+        }
+    }
+
     fn tell_remote(&mut self, worker: &mut Worker, now_ns: u64) {
+        self.forget_what_moved(now_ns);
+        let uses_tls = worker.site.uses_tls();
         let health = &mut worker.health;
         health.gauge(GAUGE, f64::from(self.fingerprint));
         for (host, remote) in self.hosts.iter().zip(&mut self.remote) {
             let Some(remote) = remote else { continue };
             let id = &host.id;
-            let lost = remote.lost(now_ns, &host.endpoint);
+            let lost = remote.lost(now_ns, &host.endpoint, uses_tls);
             // A lost host is one fault, not one for each of its processes.
             let unwell = remote.unwell(now_ns).filter(|_| self.me.desk && lost.is_none());
             health.set_fault(&format!("host_lost {id}"), lost);
