@@ -119,7 +119,8 @@ fn newest_alerts(journal: &Path) -> Option<Vec<String>> {
 }
 
 fn draw(frame: &mut Frame<'_>, site: &Site, seen: &Seen) {
-    let hosts_lines = match seen.hosts.len() {
+    // The first line is the title; a frame takes two.
+    let hosts_lines = match seen.hosts.len().saturating_sub(1) {
         0 => 0,
         lines => lines.min(HOSTS_LINES) as u16 + 2,
     };
