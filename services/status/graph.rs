@@ -35,12 +35,26 @@ pub fn text(site: &Site, format: GraphFormat) -> String {
         text += &host.map_or_else(String::new, |id| (language.host)(&node(None, id), id));
         for role in Role::all(site, host) {
             let role = role.to_string();
-            text += &(language.process)(&node(host, &role), &role);
+            let shown = if stands_by(site, host, &role) {
+                format!("{role}, standby")
+            } else {
+                role.clone()
+            };
+            text += &(language.process)(&node(host, &role), &shown);
         }
         text += host.map_or("", |_| language.host_end);
     }
     edges.iter().for_each(|edge| text += &(language.edge)(edge));
     text + language.end
+}
+
+/// True for a process of an area that runs elsewhere as long as its own host is there.
+fn stands_by(site: &Site, host: Option<&str>, role: &str) -> bool {
+    let of = |area: &&protocol::site::Area| {
+        role.split_once(' ').is_some_and(|(kind, id)| kind != "laser" && id == area.id)
+    };
+    let area = site.areas.iter().find(of);
+    area.is_some_and(|area| host.is_some() && area.standby.as_deref() == host)
 }
 
 /// How a language draws.
@@ -104,10 +118,17 @@ fn edges(site: &Site, hosts: &[Option<&str>]) -> Vec<Edge> {
             edge(of("anomaly"), node(host, "alerts"), "event");
         }
         for area in site.areas_followed_by(host) {
-            let from = node(area.host.as_deref(), "bridge");
-            let what = format!("frame, classes, collapsed {}", area.id);
-            edge(node(area.host.as_deref(), &format!("mapper {}", area.id)), from.clone(), "maps");
-            edge(from, node(host, "bridge"), &what);
+            // Whoever runs it.
+            for runs in hosts.iter().copied().filter(|runs| area.may_run_on(*runs)) {
+                let what = format!("frame, classes, collapsed {}", area.id);
+                edge(node(runs, &format!("mapper {}", area.id)), node(runs, "bridge"), "maps");
+                edge(node(runs, "bridge"), node(host, "bridge"), &what);
+            }
+        }
+        let own = site.areas.iter().filter(|area| host.is_some() && area.host.as_deref() == host);
+        for area in own.filter(|area| area.standby.is_some()) {
+            let to = node(area.standby.as_deref(), "bridge");
+            edge(node(host, "bridge"), to, &format!("copies {}", area.id));
         }
         for desk in site.hosts.iter().filter(|desk| desk.desk && Some(desk.id.as_str()) != host) {
             edge(node(host, "alerts"), node(host, "bridge"), "event");
@@ -118,4 +139,41 @@ fn edges(site: &Site, hosts: &[Option<&str>]) -> Vec<Edge> {
     let mut seen = BTreeSet::new();
     edges.retain(|edge| seen.insert((edge.from.clone(), edge.to.clone(), edge.what.clone())));
     edges
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_standby_is_drawn_as_one_with_what_it_copies() {
+        let host = |id: &str, more: &str| {
+            format!(
+                "[[host]]\nid = \"{id}\"\nendpoint = \"{id}:7447\"\ntransport = \"tls\"\n{more}\n"
+            )
+        };
+        let text = [
+            "name = \"t\"\n".to_owned(),
+            host("main", "desk = true"),
+            host("spare", ""),
+            host("guard", "follows = [\"hall\"]"),
+            "[[area]]\nid = \"hall\"\nhost = \"main\"\nstandby = \"spare\"\norigin_m = [0.0, 0.0]\n\
+             columns = 10\nrows = 10\n[[laser]]\nid = \"hall\"\nhost = \"guard\"\narea = \"hall\"\n\
+             x_m = 0.5\ny_m = 0.5\nsource = { kind = \"simulator\", scene = \"room\" }\n"
+                .to_owned(),
+        ]
+        .concat();
+        let site = Site::parse(&text, "t").unwrap_or_else(|errors| panic!("{errors}"));
+        let graph = super::text(&site, GraphFormat::Mermaid);
+        for line in [
+            "    spare_fusion_hall[fusion hall, standby]\n",
+            "    main_fusion_hall[fusion hall]\n",
+            "    guard_laser_hall[laser hall]\n",
+            "  main_bridge -->|copies hall| spare_bridge\n",
+            "  spare_bridge -->|frame, classes, collapsed hall| guard_bridge\n",
+        ] {
+            assert!(graph.contains(line), "{line}{graph}");
+        }
+    }
 }

@@ -13,7 +13,8 @@ pub fn kill(pid: u32, signal: Signal) -> bool {
         // An older tog has its name as well, and a program that was written over says "(deleted)".
         let (found, ours) = (exe.file_name(), crate::binary());
         let ours = ours.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        found.is_some_and(|name| name.to_string_lossy().starts_with(&ours))
+        let is_ours = |name: &str| name.starts_with(&ours) || name.starts_with("tog");
+        found.is_some_and(|name| is_ours(&name.to_string_lossy()))
     });
     is_tog && pidfd_send_signal(&process, signal).is_ok()
 }
