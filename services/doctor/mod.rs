@@ -8,13 +8,13 @@ use crate::cli::Format;
 use crate::operate::{base_dir, write_out};
 use crate::{fail, placement, site_file};
 use cli::Doctor;
-use process::exit;
 use process::instance::{default_run_root, run_dir_of};
+use process::{Instance, exit};
 use protocol::site::{Host, Site};
 use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// How a check came out.
@@ -70,8 +70,9 @@ pub fn main(arguments: &Doctor) -> ExitCode {
     };
     let run_root = default_run_root();
     // Who runs here knows as which host it does.
-    let runs = process::Instance::load(&run_dir_of(&site.name, &run_root)).ok();
-    let runs_as = runs.and_then(|instance| instance.host).filter(|id| site.host(id).is_some());
+    let runs = supervisor::status_in(&site.name, &run_root).ok();
+    let instance = runs.and_then(|report| Instance::load(Path::new(&report.run_dir)).ok());
+    let runs_as = instance.and_then(|instance| instance.host).filter(|id| site.host(id).is_some());
     let asked = arguments.host.clone().or_else(|| runs_as.clone());
     let host = match placement::host_to_run(&site, asked.as_deref()) {
         Ok(host) => host,

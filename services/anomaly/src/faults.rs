@@ -109,12 +109,13 @@ impl Watch {
             let laser = &self.lasers[index];
             let at_m = [laser.x_m, laser.y_m];
             let text = if state == EventState::Raised {
+                let host =
+                    laser.host.as_ref().map_or_else(String::new, |id| format!(" on host {id}"));
                 format!(
-                    "Laser `{}` is silent for {}; what only it sees is not watched. Check its power, \
-                     its cable and the process `laser {}`.",
+                    "Laser `{0}` is silent for {1}; what only it sees is not watched. Check its power, \
+                     its cable and the process `laser {0}`{host}.",
                     laser.id,
                     words::duration(silent_s),
-                    laser.id
                 )
             } else {
                 format!("Laser `{}` delivers again.", laser.id)
