@@ -87,8 +87,9 @@ impl RemoteHost {
         let theirs = *bridge.gauges.get(GAUGE)?;
         (theirs != f64::from(fingerprint)).then(|| {
             format!(
-                "host {0} runs with another site file: hosts, areas, or lasers are not the same there. \
-                 Copy the right one to all hosts, and restart those that began with another one",
+                "host {0} runs with another site file: hosts, certificate numbers, areas or lasers are \
+                 not the same there. Copy the right one to all hosts, and restart those that began with \
+                 another one",
                 self.id
             )
         })
