@@ -51,8 +51,11 @@ comes_back() { # comes_back WHAT PID
     exit 1
 }
 
-until inside systemctl is-system-running >/dev/null 2>&1; do sleep 0.5; done
-echo "ok: it boots"
+for _ in $(seq 120); do
+    inside systemctl is-system-running >"$scratch/out" 2>&1 && break
+    sleep 0.5
+done
+told "it boots" systemctl is-system-running
 told "the package is installed" dpkg --install /root/tog.deb
 cp "$deploy/two-hosts.toml" "$root/etc/tog/"
 sed -i 's/"plain-tcp"/"tls"/' "$root/etc/tog/two-hosts.toml"

@@ -3,7 +3,7 @@
 # are network namespaces where root and `ip` are there, else all on loopback, where no bytes are counted.
 #
 #   tests/several_hosts.sh            a few minutes: 4 cuts, 5 s of scans
-#   tests/several_hosts.sh nightly    half an hour: 50 cuts of 1, 10 and 60 s, 10 minutes of scans
+#   tests/several_hosts.sh nightly    an hour: 50 cuts of 1, 10 and 60 s, 10 minutes of scans
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # The older version of the hosts that are upgraded: that of 2026-11-26, before scans went past the bridge's loop.

@@ -36,8 +36,9 @@ Examples:
   tog certs issue building.toml --ca ca --out tls          tls/edge/.., tls/desk/.., of every host
 
 Copy what is made to `tls_dir` of the site file on that host (/etc/tog/tls unless set), with the key
-readable by the user that runs tog only. To try several hosts on one machine, issue each
-by its name with the same --out: one `tls_dir` holds them all. Nothing is overwritten; to renew, write into an empty directory.
+readable by the user that runs tog only. To try several hosts on one machine, issue each by its name with
+the same --out: one `tls_dir` holds them all. Nothing is overwritten; to renew, write into an empty
+directory.
 A key was lost or stolen: write `certificate_number = 2` (3, ..) at that [[host]] in the site file of every
 host, issue it anew, restart; certificates of lower numbers are refused from then on.
 

@@ -96,8 +96,9 @@ fn links(patient: &Patient<'_>, bridge: &ServiceStatus) -> Vec<Check> {
     let gauge = |name: &str, host: &str| bridge.gauges.get(&format!("{name} {host}")).copied();
     let check = |host: &str| {
         let name = format!("link to {host}");
-        let help = "if it answers, see `host` above: does one refuse the certificate of the other (`unauthorised` \
-                    in a status), or has it another site file?";
+        let help = "cable, firewall, clock: the checks of this host above say which. If all are well: does one \
+                    refuse the certificate of the other (`unauthorised` in a status), or has it another \
+                    site file?";
         let Some(age_s) = gauge("host_age_s", host) else {
             return Check::new(&name, State::Fail, "nothing was ever heard", help);
         };
@@ -112,9 +113,6 @@ fn links(patient: &Patient<'_>, bridge: &ServiceStatus) -> Vec<Check> {
         }
         let lags = behind.is_some_and(|behind| behind > 0.0);
         if age_s > HOST_AGE_MAX_S || ahead_s.is_some_and(|ahead_s| ahead_s.abs() > 0.1) {
-            let help = "cable, firewall, clock: the checks of this host above say which. If all are well: does \
-                        it refuse the certificate of this one (`unauthorised` in its status), or has it \
-                        another site file?";
             Check::new(&name, State::Fail, found, help)
         } else if lags {
             Check::new(&name, State::Warn, found, "it should catch up within seconds: ask again")

@@ -6,15 +6,15 @@ mod machine;
 
 use crate::cli::Format;
 use crate::operate::{base_dir, write_out};
-use crate::{fail, placement, site_file};
+use crate::{fail, placement, site_file, status};
 use cli::Doctor;
+use process::exit;
 use process::instance::{default_run_root, run_dir_of};
-use process::{Instance, exit};
 use protocol::site::{Host, Site};
 use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// How a check came out.
@@ -69,9 +69,9 @@ pub fn main(arguments: &Doctor) -> ExitCode {
         Err(error) => return fail(exit::BAD_CONFIG, error),
     };
     let run_root = default_run_root();
-    // Who runs here knows as which host it does.
+    let run_dir = run_dir_of(&site.name, &run_root);
     let runs = supervisor::status_in(&site.name, &run_root).ok();
-    let instance = runs.and_then(|report| Instance::load(Path::new(&report.run_dir)).ok());
+    let instance = runs.as_ref().and_then(status::instance_of);
     let runs_as = instance.and_then(|instance| instance.host).filter(|id| site.host(id).is_some());
     let asked = arguments.host.clone().or_else(|| runs_as.clone());
     let host = match placement::host_to_run(&site, asked.as_deref()) {
@@ -81,7 +81,6 @@ pub fn main(arguments: &Doctor) -> ExitCode {
     if let (Some(runs), Some(asked)) = (&runs_as, &host)
         && runs != asked
     {
-        let run_dir = run_dir_of(&site.name, &run_root);
         let text = format!(
             "host {runs} of {} runs here ({}): ask of that, or on the machine of host {asked}, or with \
              another TOG_RUN_DIR",
@@ -93,7 +92,7 @@ pub fn main(arguments: &Doctor) -> ExitCode {
     let patient = Patient {
         host: host.as_deref().and_then(|id| site.host(id)),
         site_file: arguments.site.clone(),
-        run_dir: run_dir_of(&site.name, &run_root),
+        run_dir,
         state_dir: site.state_dir_of(&base_dir(&arguments.site), host.as_deref()),
         run_root,
         site: &site,

@@ -5,13 +5,16 @@
 //! the services were measured to take (the constants below say on what); a machine of another make
 //! takes more or less. Pure, but for the scenes and recordings that say how many beams a laser has.
 
+use anomaly::store::SAVE_PERIOD_NS;
 use laser::replay::ReplaySource;
+use occupancy::GridConfig;
 use process::Role;
 use protocol::carried::{CarriedMap, MapContent};
 use protocol::codec::{Encoded, encode};
 use protocol::link::{CarriedScan, EventPage};
 use protocol::scan::{LaserScan, ScanGeometry};
 use protocol::site::{Area, Host, Laser, Pace, Site, Source};
+use protocol::time::SECOND_NS;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -69,8 +72,6 @@ const SHADOWS: f64 = 0.75;
 const COPY_BYTES_A_CELL: f64 = 1.0;
 /// What the detector learnt, for each cell.
 const NORMAL_BYTES_A_CELL: f64 = 9.0;
-/// How often that is written at most.
-const NORMAL_PERIOD_S: f64 = 60.0;
 /// What a packet of Ethernet carries of a long message.
 const SEGMENT_BYTES: f64 = 1448.0;
 
@@ -241,7 +242,7 @@ impl<'s> Costs<'s> {
             for area in self.site.areas_followed_by(Some(&to.id)) {
                 let from = area.host.as_deref().unwrap_or_default();
                 let (beams, rate_hz) = self.of_area(area);
-                let widest = self.feeds_of(area).map(|feed| feed.view_deg).fold(0.0, f64::max);
+                let widest = self.widest_deg(area);
                 let head = map_bytes(from, &area.id);
                 let bytes = |a_beam: f64, a_deg_s: f64| {
                     head + (a_beam * beams as f64).max(a_deg_s * widest / rate_hz) as usize
@@ -283,21 +284,24 @@ impl<'s> Costs<'s> {
     /// Bytes a second of the files of an area, as they are written.
     fn copied_bytes_per_s(&self, area: &Area) -> f64 {
         let (beams, rate_hz) = self.of_area(area);
-        let widest = self.feeds_of(area).map(|feed| feed.view_deg).fold(0.0, f64::max);
-        let shadows = COPY_BYTES_A_DEG_S * widest
-            / rate_hz
-            / (self.feeds_of(area).count().max(1) as f64).powf(SHADOWS);
-        let a_frame = shadows.max(COPY_BYTES_A_BEAM * beams as f64);
-        let frames = rate_hz * area.timescales_s.iter().copied().fold(0.0, f64::max);
-        let cells = f64::from(area.columns) * f64::from(area.rows);
+        let lasers = self.feeds_of(area).count().max(1) as f64;
+        let swept = COPY_BYTES_A_DEG_S * self.widest_deg(area) / rate_hz / lasers.powf(SHADOWS);
+        let a_frame = swept.max(COPY_BYTES_A_BEAM * beams as f64);
+        let frames = f64::from(GridConfig::of_area(area).longest_frames());
+        let cells = area.grid().cells() as f64;
         (frames * a_frame + cells * COPY_BYTES_A_CELL) / area.checkpoint_s
-            + cells * NORMAL_BYTES_A_CELL / NORMAL_PERIOD_S
+            + cells * NORMAL_BYTES_A_CELL * SECOND_NS as f64 / SAVE_PERIOD_NS as f64
     }
 
     /// What the lasers of an area send.
     fn feeds_of<'a>(&'a self, area: &'a Area) -> impl Iterator<Item = Feed> + 'a {
         let lasers = self.site.lasers.iter().zip(&self.feeds);
         lasers.filter(|(laser, _)| laser.area == area.id).filter_map(|(_, feed)| *feed)
+    }
+
+    /// What the laser of an area that sees most sees, degrees.
+    fn widest_deg(&self, area: &Area) -> f64 {
+        self.feeds_of(area).map(|feed| feed.view_deg).fold(0.0, f64::max)
     }
 
     /// Beams of an area's lasers in all, and frames a second.

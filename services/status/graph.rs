@@ -34,13 +34,13 @@ pub fn text(site: &Site, format: GraphFormat) -> String {
     for host in hosts.iter().copied() {
         text += &host.map_or_else(String::new, |id| (language.host)(&node(None, id), id));
         for role in Role::all(site, host) {
-            let role = role.to_string();
+            let name = role.to_string();
             let shown = if stands_by(site, host, &role) {
-                format!("{role}, standby")
+                format!("{name}, standby")
             } else {
-                role.clone()
+                name.clone()
             };
-            text += &(language.process)(&node(host, &role), &shown);
+            text += &(language.process)(&node(host, &name), &shown);
         }
         text += host.map_or("", |_| language.host_end);
     }
@@ -49,11 +49,8 @@ pub fn text(site: &Site, format: GraphFormat) -> String {
 }
 
 /// True for a process of an area that runs elsewhere as long as its own host is there.
-fn stands_by(site: &Site, host: Option<&str>, role: &str) -> bool {
-    let of = |area: &&protocol::site::Area| {
-        role.split_once(' ').is_some_and(|(kind, id)| kind != "laser" && id == area.id)
-    };
-    let area = site.areas.iter().find(of);
+fn stands_by(site: &Site, host: Option<&str>, role: &Role) -> bool {
+    let area = site.areas.iter().find(|area| role.area() == Some(&area.id));
     area.is_some_and(|area| host.is_some() && area.standby.as_deref() == host)
 }
 
@@ -125,10 +122,11 @@ fn edges(site: &Site, hosts: &[Option<&str>]) -> Vec<Edge> {
                 edge(node(runs, "bridge"), node(host, "bridge"), &what);
             }
         }
-        let own = site.areas.iter().filter(|area| host.is_some() && area.host.as_deref() == host);
-        for area in own.filter(|area| area.standby.is_some()) {
-            let to = node(area.standby.as_deref(), "bridge");
-            edge(node(host, "bridge"), to, &format!("copies {}", area.id));
+        for area in site.areas.iter().filter(|area| area.host.as_deref() == host) {
+            if let Some(standby) = &area.standby {
+                let to = node(Some(standby), "bridge");
+                edge(node(host, "bridge"), to, &format!("copies {}", area.id));
+            }
         }
         for desk in site.hosts.iter().filter(|desk| desk.desk && Some(desk.id.as_str()) != host) {
             edge(node(host, "alerts"), node(host, "bridge"), "event");

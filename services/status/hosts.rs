@@ -54,8 +54,13 @@ pub fn hosts(site: &Site, report: &StatusReport, here: Option<&str>) -> Vec<Host
         };
         let areas = site.areas_on(Some(id)).filter(runs).map(|area| area.id.clone()).collect();
         let of_host = || faults_of(bridge).filter(|(of, _)| of == id).map(|(_, fault)| fault);
-        let own = || report.services.iter().filter(|s| s.state != ProcessState::Standby);
-        let number = |count: usize| Some(count as f64);
+        let (services_heard, services) = if here {
+            let own = || report.services.iter().filter(|s| s.state != ProcessState::Standby);
+            let running = own().filter(|service| service.pid.is_some()).count();
+            (Some(running as f64), Some(own().count() as f64))
+        } else {
+            (gauge(format!("host_services_heard {id}")), gauge(format!("host_services {id}")))
+        };
         HostStatus {
             id: id.clone(),
             endpoint: host.endpoint.clone(),
@@ -63,14 +68,8 @@ pub fn hosts(site: &Site, report: &StatusReport, here: Option<&str>) -> Vec<Host
             heard_s: gauge(format!("host_age_s {id}")),
             clock_ahead_s: gauge(format!("clock_ahead_s {id}")),
             events_behind: gauge(format!("events_behind {id}")),
-            services_heard: match here {
-                true => number(own().filter(|service| service.pid.is_some()).count()),
-                false => gauge(format!("host_services_heard {id}")),
-            },
-            services: match here {
-                true => number(own().count()),
-                false => gauge(format!("host_services {id}")),
-            },
+            services_heard,
+            services,
             areas,
             is_lost: of_host().any(|fault| fault.code.starts_with("host_lost ")),
             faults: if here {

@@ -11,6 +11,7 @@ use crate::{fail, site_file};
 use cli::{Graph, Status, StatusFormat, Top};
 use process::{Instance, exit};
 use protocol::site::Site;
+use std::io::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
 use supervisor::StatusReport;
@@ -34,9 +35,10 @@ pub fn status(arguments: &Status) -> ExitCode {
         Err(code) => return code,
     };
     let code = if report.is_healthy() { exit::OK } else { exit::FAILED };
-    let instance = Instance::load(Path::new(&report.run_dir)).ok();
-    if instance.is_some_and(|instance| instance.runs_another(&site)) {
-        eprintln!(
+    if instance_of(&report).is_some_and(|instance| instance.runs_another(&site)) {
+        // Nobody may be there to read it any more.
+        let _ = writeln!(
+            std::io::stderr(),
             "tog: {} is not what runs: it was changed since the start of the site. Restart it to use it",
             arguments.site.display()
         );
@@ -58,11 +60,15 @@ pub fn status(arguments: &Status) -> ExitCode {
     write_out(&text, code)
 }
 
+/// What runs, which knows as which host it does.
+pub fn instance_of(report: &StatusReport) -> Option<Instance> {
+    Instance::load(Path::new(&report.run_dir)).ok()
+}
+
 /// All hosts, as the one that reports knows them; none for a site of one host.
 fn hosts_of(site: &Site, report: &StatusReport) -> Vec<hosts::HostStatus> {
-    // Who runs knows as which host it does.
-    let instance = Instance::load(Path::new(&report.run_dir)).ok();
-    hosts::hosts(site, report, instance.and_then(|instance| instance.host).as_deref())
+    let here = instance_of(report).and_then(|instance| instance.host);
+    hosts::hosts(site, report, here.as_deref())
 }
 
 /// `tog graph`.

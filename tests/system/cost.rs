@@ -60,7 +60,7 @@ fn what_crosses(desk: Desk) -> Option<[[f64; 2]; 3]> {
         Setup::new(&toml).arguments(["--host", host]).on(&lan, host).start()
     });
     let plan = plan(&sites[3]);
-    // What is asked for again and again costs what it does only once windows are full.
+    // Maps grow until their windows are full.
     let (fill_s, look_s) = if is_nightly() { (90, 120) } else { (5, 10) };
     let frames = |site: &mut Site, seconds: u64| {
         let wanted = 10 * seconds;

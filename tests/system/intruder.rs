@@ -119,6 +119,11 @@ fn alarm(report: &supervisor::StatusReport) -> Option<String> {
     fault(report, "bridge", "unauthorised")
 }
 
+/// Scans of `edge` come to the desk, and more than `least` class maps were made of them.
+fn flows(report: &supervisor::StatusReport, least: u64) -> Option<()> {
+    (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
+}
+
 #[track_caller]
 fn wait_for_count(desk: &mut Site, name: &str, least: u64) {
     desk.wait_until(name, |report| (count(find(report, "bridge"), name) >= least).then_some(()));
@@ -138,9 +143,7 @@ fn forged(sequence: u64) -> EventChange {
 fn whoever_has_no_right_to_changes_nothing_and_is_counted_and_told() {
     let building = building();
     let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
-    desk.wait_until("scans through TLS", |report| {
-        (count(find(report, "anomaly room"), "class_maps_in") > 5).then_some(())
-    });
+    desk.wait_until("scans through TLS", |report| flows(report, 5));
     assert_eq!(alarm(&desk.status().unwrap()), None, "between friends");
     // Whoever looks whether somebody is there is counted, and calls nobody.
     for _ in 0..3 {
@@ -200,9 +203,6 @@ fn whoever_has_no_right_to_changes_nothing_and_is_counted_and_told() {
 fn whoever_knocks_without_end_keeps_nobody_out() {
     let building = building();
     let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
-    let flows = |report: &supervisor::StatusReport, least: u64| {
-        (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
-    };
     desk.wait_until("scans through TLS", |report| flows(report, 5));
     let knocks = AtomicU64::new(0);
     let is_over = AtomicBool::new(false);
@@ -257,9 +257,6 @@ fn a_stolen_certificate_says_nothing_once_the_next_one_has_a_number() {
     building.toml = building.toml.replacen(id, &format!("{id}certificate_number = 2\n"), 1);
 
     let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
-    let flows = |report: &supervisor::StatusReport, least: u64| {
-        (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
-    };
     desk.wait_until("scans by the second certificate", |report| flows(report, 5));
     let endpoint = format!("tls/127.0.0.1:{}", building.ports[1]);
     // It is of the site's authority, so that it may connect.
@@ -284,9 +281,6 @@ fn a_stolen_certificate_says_nothing_once_the_next_one_has_a_number() {
 fn a_host_that_asks_like_mad_is_told_and_nobody_falls_over() {
     let building = building();
     let (mut edge, mut desk) = (start(&building, "edge"), start(&building, "desk"));
-    let flows = |report: &supervisor::StatusReport, least: u64| {
-        (count(find(report, "anomaly room"), "class_maps_in") > least).then_some(())
-    };
     desk.wait_until("scans through TLS", |report| flows(report, 5));
     // It speaks the same TLS, so it takes the same care, and has a process of its own to take it in.
     let asked = super::process_of("intruder::the_one_who_asks_like_mad")

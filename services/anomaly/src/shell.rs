@@ -5,7 +5,7 @@
 //! because a disk takes milliseconds and the journal, which syncs before it tells anybody, is what a dead
 //! machine is asked. If the disk fails a change is told all the same, and health says so.
 
-use crate::store::{OutboxFile, load_normal, save_normal};
+use crate::store::{OutboxFile, SAVE_PERIOD_NS, load_normal, save_normal};
 use crate::watch::{ClassFrame, Phase, Watch};
 use process::{Failure, Latencies, Publisher, Sample, Subscriber, Worker, monotonic_ns, wall_ns};
 use protocol::codec::{decode, encode};
@@ -18,8 +18,6 @@ use protocol::topic;
 use protocol::wire::{BytesHeader, Header};
 use std::path::PathBuf;
 
-/// What was learnt is written this often; a crash loses at most so much learning.
-const SAVE_PERIOD_NS: u64 = 60 * SECOND_NS;
 /// What is not acknowledged after this long is sent again.
 const RESEND_NS: u64 = 5 * SECOND_NS;
 /// Most changes sent again at once: half of what the journal's queue holds.

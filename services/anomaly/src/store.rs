@@ -8,6 +8,7 @@ use crate::outbox::Outbox;
 use crate::watch::Watch;
 use process::file::{beside, is_unfit, read_bounded, set_aside};
 use protocol::event::EventChange;
+use protocol::time::SECOND_NS;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::os::unix::fs::MetadataExt;
@@ -15,6 +16,9 @@ use std::path::{Path, PathBuf};
 
 /// Largest outbox that is read: 16 Ki changes that wait, of at most 4 kB, four times over.
 const OUTBOX_BYTES_MAX: u64 = 256 << 20;
+
+/// What was learnt is written this often; a crash loses at most so much learning.
+pub const SAVE_PERIOD_NS: u64 = 60 * SECOND_NS;
 
 /// Where an area keeps what it learnt.
 #[must_use]

@@ -195,9 +195,10 @@ impl Alarm {
         Some(format!(
             "somebody without the right to tried to reach this host: {connections} connections{} and \
              {messages} messages{} were refused, nothing of them was taken. This is said until nobody tried \
-             for 5 minutes",
+             for {} minutes",
             last(connections, &totals.last_connection),
             last(messages, &totals.last_message),
+            QUIET_NS / (60 * SECOND_NS),
         ))
     }
 }

@@ -57,12 +57,10 @@ impl RemoteHost {
         &self.id
     }
 
-    /// Something came from there; said once to the log when it was lost, or never heard.
-    pub fn heard(&mut self, mono_ns: u64) {
+    /// Something came from there; true if it was lost, or never heard.
+    pub fn heard(&mut self, mono_ns: u64) -> bool {
         let before_ns = self.heard_ns.replace(mono_ns);
-        if before_ns.is_none_or(|before_ns| mono_ns.saturating_sub(before_ns) >= LOST_NS) {
-            tracing::info!("host {} is heard", self.id);
-        }
+        before_ns.is_none_or(|before_ns| mono_ns.saturating_sub(before_ns) >= LOST_NS)
     }
 
     /// A process of it told how it is. One that the site file does not place there is refused.
@@ -197,7 +195,8 @@ mod tests {
         assert_eq!(edge.lost(100 + LOST_NS - 1, "a:1", false), None, "it may still be starting");
         let text = edge.lost(100 + LOST_NS, "a:1", false).unwrap();
         assert!(text.starts_with("nothing is heard of host edge yet, after 5 s"), "{text}");
-        edge.heard(100 + LOST_NS);
+        assert!(edge.heard(100 + LOST_NS), "for the first time");
+        assert!(!edge.heard(100 + LOST_NS), "again");
         assert_eq!(edge.lost(100 + 2 * LOST_NS - 1, "a:1", false), None);
         let text = edge.lost(100 + 2 * LOST_NS, "a:1", true).unwrap();
         assert!(text.contains("edge for 5 s") && text.contains("the certificate"), "{text}");

@@ -259,7 +259,7 @@ impl Bridge {
                     self.misrouted(&expected, &host);
                 }
                 Ok(HostHealth { health, .. }) => {
-                    remote.heard(now_ns);
+                    hear(remote, now_ns);
                     remote.clock.observe(health.stamp_ns, wall_ns(), now_ns);
                     remote.health(health, now_ns);
                 }
@@ -289,7 +289,7 @@ impl Bridge {
 
     fn take_page(&mut self, host: usize, page: EventPage, now_ns: u64) {
         if let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) {
-            remote.heard(now_ns);
+            hear(remote, now_ns);
         }
         let followed = self.followed.iter_mut().find(|followed| followed.host == host);
         let Some(followed) = followed else { return };
@@ -397,6 +397,13 @@ fn follow(site: &Site, me: &Host, shelf: &Shelf, now_ns: u64) -> Vec<Followed> {
         Followed { follower, host: index }
     };
     others.map(follow).collect()
+}
+
+/// Something came from there; what is heard anew stands in the log once.
+fn hear(remote: &mut RemoteHost, now_ns: u64) {
+    if remote.heard(now_ns) {
+        tracing::info!("host {} is heard", remote.id());
+    }
 }
 
 fn areas_of(site: &Site, host: &Host) -> (String, Vec<String>) {

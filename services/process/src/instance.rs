@@ -126,7 +126,7 @@ impl Instance {
     /// # Errors
     /// If the file is missing, too large or damaged.
     pub fn site(&self) -> Result<Site, InstanceError> {
-        read_json(&self.run_dir.join("site.json"))
+        read_json(&self.site_path())
     }
 
     /// A path of the site file: relative ones begin at the site file's directory.
@@ -162,13 +162,16 @@ impl Instance {
     /// True if the site that runs is not this one: its file was changed since it was started.
     #[must_use]
     pub fn runs_another(&self, site: &Site) -> bool {
-        let stored = fs::read_to_string(self.run_dir.join("site.json"));
-        let text = serde_json::to_string_pretty(site);
-        matches!((stored, text), (Ok(stored), Ok(text)) if stored != text)
+        let stored = fs::read_to_string(self.site_path());
+        matches!((stored, json_of(site)), (Ok(stored), Ok(text)) if stored != text)
+    }
+
+    fn site_path(&self) -> PathBuf {
+        self.run_dir.join("site.json")
     }
 
     pub(crate) fn store(&self, site: &Site) -> Result<(), InstanceError> {
-        write_json(&self.run_dir.join("site.json"), site)?;
+        write_json(&self.site_path(), site)?;
         write_json(&self.run_dir.join("instance.json"), self)
     }
 }
@@ -235,10 +238,15 @@ fn read_json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, InstanceError
     serde_json::from_str(&text).map_err(|error| damaged(error.to_string()))
 }
 
+/// As it is in the files of a run directory.
+fn json_of<T: Serialize>(value: &T) -> serde_json::Result<String> {
+    serde_json::to_string_pretty(value)
+}
+
 /// Writes a file that is there completely or not at all.
 fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), InstanceError> {
     let io = |source| InstanceError::Io { action: "write", path: path.to_path_buf(), source };
-    let text = serde_json::to_string_pretty(value).map_err(|error| io(error.into()))?;
+    let text = json_of(value).map_err(|error| io(error.into()))?;
     let unfinished = path.with_extension("unfinished");
     let mut file = fs::File::create(&unfinished).map_err(io)?;
     file.write_all(text.as_bytes()).map_err(io)?;

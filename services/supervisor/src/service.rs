@@ -206,6 +206,10 @@ impl Service {
             (None, signal) => End::Signal(signal.unwrap_or(0)),
         };
         self.last_end = Some(end);
+        if self.held {
+            // Its last words are not how anything is now that its area runs on another host.
+            (self.health, self.heard_mono_ns) = (None, None);
+        }
         Some(end)
     }
 
@@ -295,16 +299,14 @@ impl Service {
             (Some(_), Some(ServiceState::Running)) => ProcessState::Running,
             (Some(_), Some(ServiceState::Degraded)) => ProcessState::Degraded,
         };
-        // What a process said before the area left this host is not how anything is now.
-        let is_of_now = state != ProcessState::Standby || self.running.is_some();
-        let health = health.filter(|_| is_of_now).unwrap_or_default();
+        let health = health.unwrap_or_default();
         ServiceStatus {
             name: self.name.clone(),
             state,
             pid: self.pid(),
             restarts: self.restarts,
             up_s: self.running.as_ref().map(|running| age_s(running.started_mono_ns)),
-            health_age_s: self.heard_mono_ns.filter(|_| is_of_now).map(age_s),
+            health_age_s: self.heard_mono_ns.map(age_s),
             last_end: self.last_end.map(|end| end.to_string()),
             counters: health.counters,
             gauges: health.gauges,

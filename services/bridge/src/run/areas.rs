@@ -1,6 +1,6 @@
 //! The areas that this host shares with another one: who runs them, and the copies for when that changes.
 
-use super::{Bridge, encoded, refuse};
+use super::{Bridge, encoded, hear, refuse};
 use crate::cursor::Kept;
 use crate::inbox::FileAsk;
 use crate::link::Asker;
@@ -211,7 +211,7 @@ impl Bridge {
 
     fn take_claims(&mut self, host: usize, claims: Claims, now_ns: u64) {
         if let Some(remote) = self.remote.get_mut(host).and_then(Option::as_mut) {
-            remote.heard(now_ns);
+            hear(remote, now_ns);
             let not_there = claims.claims.iter().filter(|claim| !claim.owns);
             not_there.for_each(|claim| remote.left(&claim.area));
         }
